@@ -1,0 +1,54 @@
+//! A character: body, skeleton, skin weights and further colliders.
+
+use serde::{Deserialize, Serialize};
+
+use super::TriMesh;
+
+/// Joints in the order in which skin weights index them.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Skeleton {
+    /// Joint paths, as USD names them (`root/spine/...`).
+    pub joints: Vec<String>,
+    /// Parent of each joint, -1 for a root.
+    pub parents: Vec<i32>,
+    /// World transform of each joint in the bind pose, row-major 4x4 with translation in the
+    /// last column [m].
+    pub world_from_joint: Vec<[[f64; 4]; 4]>,
+}
+
+/// Linear-blend skin weights, a fixed number of influences for each point.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Skin {
+    /// Influences for each point.
+    pub influences: usize,
+    /// Joint indices, shape `[n * influences]`.
+    pub joint_indices: Vec<u32>,
+    /// Weights, shape `[n * influences]`; each point's sum to 1.
+    pub joint_weights: Vec<f64>,
+}
+
+/// A further mesh that cloth must not pass: shoes, hair, props.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Collider {
+    /// The mesh's path in its stage.
+    pub path: String,
+    /// World-space surface.
+    pub mesh: TriMesh,
+}
+
+/// A body mesh with its skeleton, in its bind pose.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Character {
+    /// Name for messages.
+    pub name: String,
+    /// Path of the body mesh in its stage.
+    pub path: String,
+    /// Body surface, with whatever inner parts (eyes, teeth) its maker left in it.
+    pub body: TriMesh,
+    /// Skeleton.
+    pub skeleton: Skeleton,
+    /// Skin weights of the body's points.
+    pub skin: Skin,
+    /// Further colliders.
+    pub colliders: Vec<Collider>,
+}

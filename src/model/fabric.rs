@@ -1,0 +1,67 @@
+//! Fabrics in real units.
+
+use serde::{Deserialize, Serialize};
+
+/// Mechanical properties of a cloth.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Fabric {
+    /// Name for the report.
+    pub name: String,
+    /// Area density [kg/m^2].
+    pub density: f64,
+    /// Membrane stiffness along the warp [N/m].
+    pub stretch_warp: f64,
+    /// Membrane stiffness along the weft [N/m].
+    pub stretch_weft: f64,
+    /// Membrane stiffness against shear [N/m].
+    pub shear: f64,
+    /// Bending stiffness about the weft, for curvature along the warp [N m].
+    pub bending_warp: f64,
+    /// Bending stiffness for curvature along the weft [N m].
+    pub bending_weft: f64,
+    /// Bending stiffness for twist [N m].
+    pub bending_shear: f64,
+    /// Coulomb friction coefficient against skin and cloth.
+    pub friction: f64,
+    /// Thickness [m].
+    pub thickness: f64,
+}
+
+/// Presets by name. Stiffness and density are typical of measured fabrics of the kind
+/// (KES-F ranges); a draper's measure is how they hang, not these figures alone.
+const PRESETS: &[(&str, [f64; 9])] = &[
+    // density, warp, weft, shear, bend warp, bend weft, bend shear, friction, thickness
+    ("cotton", [0.15, 1200.0, 900.0, 60.0, 9.0e-6, 7.0e-6, 5.0e-6, 0.4, 0.5e-3]),
+    ("silk", [0.07, 900.0, 700.0, 25.0, 1.5e-6, 1.2e-6, 0.8e-6, 0.25, 0.2e-3]),
+    ("wool", [0.25, 700.0, 500.0, 40.0, 1.2e-5, 1.0e-5, 6.0e-6, 0.45, 0.9e-3]),
+    ("denim", [0.40, 3000.0, 2000.0, 150.0, 6.0e-5, 4.0e-5, 3.0e-5, 0.5, 0.9e-3]),
+    ("leather", [0.60, 4000.0, 4000.0, 600.0, 5.0e-5, 5.0e-5, 4.0e-5, 0.6, 1.0e-3]),
+    ("jersey", [0.18, 250.0, 180.0, 40.0, 3.0e-6, 2.5e-6, 1.5e-6, 0.4, 0.6e-3]),
+];
+
+impl Fabric {
+    /// The preset of that name (case-insensitive), if there is one.
+    pub fn preset(name: &str) -> Option<Fabric> {
+        let key = name.to_ascii_lowercase();
+        PRESETS.iter().find(|(preset, _)| *preset == key).map(|(preset, v)| Fabric {
+            name: (*preset).to_owned(),
+            density: v[0],
+            stretch_warp: v[1],
+            stretch_weft: v[2],
+            shear: v[3],
+            bending_warp: v[4],
+            bending_weft: v[5],
+            bending_shear: v[6],
+            friction: v[7],
+            thickness: v[8],
+        })
+    }
+}
+
+impl Default for Fabric {
+    /// Cotton.
+    fn default() -> Self {
+        Fabric::preset("cotton").expect("cotton is a preset")
+    }
+}

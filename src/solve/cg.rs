@@ -1,0 +1,234 @@
+//! Preconditioned conjugate gradients [Hestenes and Stiefel 1952; Saad 2003, alg. 9.1].
+//!
+//! The scalars stay on the device; the host reads them every [`CHECK`] iterations. The
+//! tolerance is on the preconditioned residual norm `sqrt(r . M^-1 r)`, relative to the
+//! right-hand side's.
+
+use bytemuck::{Pod, Zeroable};
+use rayon::prelude::*;
+
+use super::vector::{Count, Dot};
+use crate::device::{Access, Buffer, Device, DeviceError, HostArgs, INDEX_WGSL, Kernel};
+
+/// Iterations between two looks at the residual.
+const CHECK: usize = 8;
+/// Elements that an update kernel's CPU twin gives one task.
+const GRAIN: usize = 8192;
+
+/// A linear map on vectors of one length.
+pub trait Operator {
+    /// `y = A x`.
+    ///
+    /// # Errors
+    /// A device's failure.
+    fn apply(&self, device: &Device, x: &Buffer<f32>, y: &Buffer<f32>) -> Result<(), DeviceError>;
+}
+
+/// When to stop.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct CgParams {
+    /// Relative preconditioned residual to reach.
+    pub tolerance: f64,
+    /// Most iterations.
+    pub max_iterations: usize,
+}
+
+/// What a solve achieved.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct CgInfo {
+    /// Iterations run.
+    pub iterations: usize,
+    /// Relative preconditioned residual at the end, by CG's recurrence.
+    pub residual: f64,
+    /// Whether the tolerance was reached.
+    pub converged: bool,
+}
+
+/// `struct Scalars` in cg.wgsl.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, Pod, Zeroable)]
+struct Scalars {
+    rz: f32,
+    alpha: f32,
+    beta: f32,
+    curvature: f32,
+}
+
+static CG_ALPHA: Kernel = Kernel {
+    name: "cg_alpha",
+    wgsl: &[INDEX_WGSL, include_str!("cg_scalars.wgsl"), include_str!("cg_alpha.wgsl")],
+    access: &[Access::Read, Access::Write],
+    host: |args| {
+        let curvature = sum(args.read::<f32>(0));
+        let s = &mut args.write::<Scalars>(1)[0];
+        s.curvature = curvature;
+        s.alpha = if curvature > 0.0 { s.rz / curvature } else { 0.0 };
+    },
+};
+
+static CG_BETA: Kernel = Kernel {
+    name: "cg_beta",
+    wgsl: &[INDEX_WGSL, include_str!("cg_scalars.wgsl"), include_str!("cg_beta.wgsl")],
+    access: &[Access::Read, Access::Write],
+    host: |args| {
+        let rz = sum(args.read::<f32>(0));
+        let s = &mut args.write::<Scalars>(1)[0];
+        s.beta = if s.rz > 0.0 { rz / s.rz } else { 0.0 };
+        s.rz = rz;
+    },
+};
+
+static CG_ADVANCE: Kernel = Kernel {
+    name: "cg_advance",
+    wgsl: &[INDEX_WGSL, include_str!("cg_advance.wgsl")],
+    access: &[Access::Read, Access::Read, Access::Read, Access::Write, Access::Write],
+    host: |args| {
+        let alpha = args.read::<Scalars>(0)[0].alpha;
+        let (p, q) = (args.read::<f32>(1), args.read::<f32>(2));
+        let (x, r) = (args.write::<f32>(3), args.write::<f32>(4));
+        let chunks = x.par_chunks_mut(GRAIN).zip(r.par_chunks_mut(GRAIN));
+        chunks.zip(p.par_chunks(GRAIN).zip(q.par_chunks(GRAIN))).for_each(|((x, r), (p, q))| {
+            for i in 0..x.len() {
+                x[i] += alpha * p[i];
+                r[i] -= alpha * q[i];
+            }
+        });
+    },
+};
+
+static CG_DIRECTION: Kernel = Kernel {
+    name: "cg_direction",
+    wgsl: &[INDEX_WGSL, include_str!("cg_direction.wgsl")],
+    access: &[Access::Read, Access::Read, Access::Write],
+    host: |args| {
+        let beta = args.read::<Scalars>(0)[0].beta;
+        let z = args.read::<f32>(1);
+        let p = args.write::<f32>(2);
+        p.par_chunks_mut(GRAIN).zip(z.par_chunks(GRAIN)).for_each(|(p, z)| {
+            for i in 0..p.len() {
+                p[i] = z[i] + beta * p[i];
+            }
+        });
+    },
+};
+
+static RESIDUAL: Kernel = Kernel {
+    name: "residual",
+    wgsl: &[INDEX_WGSL, include_str!("residual.wgsl")],
+    access: &[Access::Read, Access::Read, Access::Write],
+    host: |args: &mut HostArgs<'_>| {
+        let (b, q) = (args.read::<f32>(0), args.read::<f32>(1));
+        let r = args.write::<f32>(2);
+        for i in 0..r.len() {
+            r[i] = b[i] - q[i];
+        }
+    },
+};
+
+/// All kernels of this module, for the tests that validate WGSL.
+pub const KERNELS: &[&Kernel] = &[&CG_ALPHA, &CG_BETA, &CG_ADVANCE, &CG_DIRECTION, &RESIDUAL];
+
+/// Sums in the order of the WGSL twin: four running sums, then those.
+fn sum(partials: &[f32]) -> f32 {
+    let mut sums = [0.0f32; 4];
+    for quad in partials.chunks(4) {
+        for (s, p) in sums.iter_mut().zip(quad) {
+            *s += p;
+        }
+    }
+    (sums[0] + sums[1]) + (sums[2] + sums[3])
+}
+
+/// Conjugate gradients with the work vectors for systems of one size.
+#[derive(Debug)]
+pub struct Cg {
+    dot: Dot,
+    scalars: Buffer<Scalars>,
+    r: Buffer<f32>,
+    z: Buffer<f32>,
+    p: Buffer<f32>,
+    q: Buffer<f32>,
+}
+
+impl Cg {
+    /// Work vectors for `n` unknowns.
+    ///
+    /// # Errors
+    /// As [`Device::zeros`].
+    pub fn new(device: &Device, n: usize) -> Result<Cg, DeviceError> {
+        Ok(Cg {
+            dot: Dot::new(device, n)?,
+            scalars: device.zeros("cg scalars", 1)?,
+            r: device.zeros("cg residual", n)?,
+            z: device.zeros("cg preconditioned residual", n)?,
+            p: device.zeros("cg direction", n)?,
+            q: device.zeros("cg image", n)?,
+        })
+    }
+
+    /// Solves `A x = b` from the `x` given, with `M^-1` as preconditioner.
+    ///
+    /// A solve that does not reach its tolerance is no error: `CgInfo` says it.
+    ///
+    /// # Errors
+    /// A device's failure.
+    pub fn solve(
+        &self,
+        device: &Device,
+        a: &dyn Operator,
+        m_inverse: &dyn Operator,
+        b: &Buffer<f32>,
+        x: &Buffer<f32>,
+        params: &CgParams,
+    ) -> Result<CgInfo, DeviceError> {
+        let count = self.dot.count;
+        let n = b.len();
+        // The right-hand side's norm sets the scale of the tolerance.
+        m_inverse.apply(device, b, &self.z)?;
+        let scale = self.dot.dot(device, b, &self.z)?.max(0.0).sqrt();
+        if scale == 0.0 {
+            device.write(x, &vec![0.0; n])?;
+            return Ok(CgInfo { iterations: 0, residual: 0.0, converged: true });
+        }
+        a.apply(device, x, &self.q)?;
+        device.run(&RESIDUAL, n, &count, &[b, &self.q, &self.r])?;
+        m_inverse.apply(device, &self.r, &self.z)?;
+        device.copy(&self.z, &self.p)?;
+        let rz = self.dot.dot(device, &self.r, &self.z)?;
+        device.write(&self.scalars, &[Scalars { rz: rz as f32, ..Scalars::default() }])?;
+        let mut info = CgInfo { iterations: 0, residual: rz.max(0.0).sqrt() / scale, converged: false };
+        loop {
+            info.converged = info.residual <= params.tolerance;
+            if info.converged || info.iterations >= params.max_iterations || !info.residual.is_finite() {
+                return Ok(info);
+            }
+            let turns = CHECK.min(params.max_iterations - info.iterations);
+            for _ in 0..turns {
+                a.apply(device, &self.p, &self.q)?;
+                self.dot.run(device, &self.p, &self.q)?;
+                device.run(
+                    &CG_ALPHA,
+                    1,
+                    &Count::new(self.dot.partials.len()),
+                    &[&self.dot.partials, &self.scalars],
+                )?;
+                device.run(&CG_ADVANCE, n, &count, &[&self.scalars, &self.p, &self.q, x, &self.r])?;
+                m_inverse.apply(device, &self.r, &self.z)?;
+                self.dot.run(device, &self.r, &self.z)?;
+                device.run(
+                    &CG_BETA,
+                    1,
+                    &Count::new(self.dot.partials.len()),
+                    &[&self.dot.partials, &self.scalars],
+                )?;
+                device.run(&CG_DIRECTION, n, &count, &[&self.scalars, &self.z, &self.p])?;
+            }
+            info.iterations += turns;
+            let s = device.read(&self.scalars)?[0];
+            info.residual = f64::from(s.rz).max(0.0).sqrt() / scale;
+            if s.curvature <= 0.0 && info.residual > params.tolerance {
+                return Ok(info); // not positive definite: x stands where curvature was lost
+            }
+        }
+    }
+}

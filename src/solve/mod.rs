@@ -1,0 +1,8 @@
+//! Linear algebra that several stages share, on the device.
+//!
+//! Vectors are `f32` buffers. Dot products follow a fixed two-level tree, and the scalars of
+//! the conjugate gradient method stay on the device between checks.
+
+pub mod bsr;
+pub mod cg;
+pub mod vector;

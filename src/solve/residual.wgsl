@@ -1,0 +1,14 @@
+// Twin: cg.rs, RESIDUAL. r = b - q.
+struct Count { n: u32, blocks: u32, pad0: u32, pad1: u32 }
+
+@group(0) @binding(0) var<uniform> count: Count;
+@group(0) @binding(1) var<storage, read> b: array<f32>;
+@group(0) @binding(2) var<storage, read> q: array<f32>;
+@group(0) @binding(3) var<storage, read_write> r: array<f32>;
+
+@compute @workgroup_size(64)
+fn main(@builtin(global_invocation_id) gid: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>) {
+    let i = invocation(gid, groups);
+    if i >= count.n { return; }
+    r[i] = b[i] - q[i];
+}
