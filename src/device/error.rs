@@ -4,6 +4,7 @@ use thiserror::Error;
 
 /// A device's failure.
 #[derive(Clone, Debug, Error, PartialEq, Eq)]
+#[allow(missing_docs, reason = "the messages say what the fields are")]
 pub enum DeviceError {
     /// No adapter fits the choice.
     #[error("no adapter for '{wanted}' (found: {})", if found.is_empty() { "none".to_owned() } else { found.join(", ") })]
