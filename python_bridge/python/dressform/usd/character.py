@@ -21,7 +21,7 @@ from .marks import is_garment
 from .mesh import read_mesh
 from .skeleton import SkeletonData, bound_skeleton, read_skeleton
 from .skin import geom_bind_transform, is_skinned, read_skin
-from .stage import Source, open_stage
+from .stage import Source, copy_variants, open_stage
 
 #: Heights outside of this are not bodies in metres [m].
 POSSIBLE_HEIGHT = (0.1, 10.0)
@@ -53,6 +53,7 @@ def read_character(
     """
     source = open_stage(file, variants)
     character = character_under(source, source.stage.GetPseudoRoot(), body, colliders)
+    character.variants = copy_variants(variants)
     return character, source.notes
 
 

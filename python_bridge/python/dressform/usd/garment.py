@@ -13,10 +13,10 @@ from ..model import Character, GarmentSource, Outfit
 from .character import character_under, skinned_meshes
 from .marks import is_garment
 from .mesh import degenerate_triangles, read_mesh
-from .panels import read_panels
-from .pattern import read_pattern, warp_from_uv
+from .panels import mark_mirrored, read_panels
+from .pattern import panel_from_uv, read_pattern
 from .seams import read_seams
-from .stage import Source, open_stage
+from .stage import Source, copy_variants, open_stage
 
 
 def read_outfit(
@@ -48,6 +48,7 @@ def read_outfit(
         body = bodies.of(prim)
         outfit.garments.append(read_garment(source, prim, body, pattern_primvar))
     outfit.notes = source.notes
+    outfit.variants = copy_variants(variants)
     return outfit
 
 
@@ -82,7 +83,7 @@ def read_garment(
     if len(flat):
         raise _degenerate(source, prim, origin.face_of_triangle[flat[0]], "in its panel")
     panels, panel_of_triangle = read_panels(source, prim, origin, uv)
-    turn = warp_from_uv(np.array([panel.grain_angle for panel in panels]))
+    mark_mirrored(source, prim, panels, panel_of_triangle, uv)
     layer = source.value(prim.GetAttribute("garment:layer"))
     if UsdGeom.Imageable(prim).ComputeVisibility() == UsdGeom.Tokens.invisible:
         source.note("the garment is invisible and is read all the same", prim)
@@ -93,7 +94,7 @@ def read_garment(
         body=body,
         points=points,
         triangles=triangles,
-        corner_pattern=np.einsum("tij,tkj->tki", turn[panel_of_triangle], uv),
+        corner_pattern=np.einsum("tij,tkj->tki", panel_from_uv(panels)[panel_of_triangle], uv),
         panel_of_triangle=panel_of_triangle,
         panels=panels,
         seams=read_seams(source, prim, len(points)),

@@ -69,6 +69,23 @@ def islands_of(origin: MeshOrigin, uv: Floats, triangles: NDArray[np.int64]) -> 
     return rank[island]
 
 
+def mark_mirrored(
+    source: Source, prim: Usd.Prim, panels: list[Panel], panel_of_triangle: Indices, uv: Floats
+) -> None:
+    """Marks panels whose triangles run clockwise in the plane: the stage shows their inside."""
+    a, b = uv[:, 1] - uv[:, 0], uv[:, 2] - uv[:, 0]
+    area = a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
+    total = np.bincount(panel_of_triangle, weights=area, minlength=len(panels))
+    against = area * np.sign(total)[panel_of_triangle] < 0.0
+    for i, panel in enumerate(panels):
+        panel.mirrored = bool(total[i] < 0.0)
+        if panel.mirrored:
+            source.note(f"panel {panel.name!r} is seen from inside: it was mirrored", prim)
+        flipped = int((against & (panel_of_triangle == i)).sum())
+        if flipped:
+            source.note(f"panel {panel.name!r} has {flipped} flipped triangles", prim)
+
+
 def _faces_of(source: Source, subset: UsdGeom.Subset, face_count: int) -> NDArray[np.int64]:
     prim = subset.GetPrim()
     faces = np.array(source.value(subset.GetIndicesAttr()) or [], dtype=np.int64)

@@ -11,7 +11,7 @@ from __future__ import annotations
 import numpy as np
 from pxr import Usd, UsdGeom
 
-from ..model import Floats, MeshOrigin, PatternOrigin
+from ..model import Floats, MeshOrigin, Panel, PatternOrigin
 from .stage import Source
 
 PATTERN = "primvars:garment:pattern"
@@ -56,11 +56,21 @@ def read_pattern(
     return uv * unit, PatternOrigin(str(var.GetName()), unit, inferred)
 
 
-def warp_from_uv(grain_angle: Floats | float) -> Floats:
-    """The rotation(s) that turn (u, v) to (warp, weft), shape [..., 2, 2]; angle in degrees."""
-    a = np.radians(np.asarray(grain_angle, dtype=np.float64))
-    c, s = np.cos(a), np.sin(a)
-    return np.stack([np.stack([-s, c], -1), np.stack([-c, -s], -1)], -2)
+def panel_from_uv(panels: list[Panel]) -> Floats:
+    """What turns (u, v) to (warp, weft) in each panel, shape [panels, 2, 2].
+
+    A rotation, but for panels that the stage shows from their inside: those are mirrored first
+    (u to -u), so that every panel is seen from outside. Orthogonal, so the transpose turns back.
+    """
+    a = np.radians([panel.grain_angle for panel in panels])
+    side = np.where([panel.mirrored for panel in panels], -1.0, 1.0)
+    c, s = _exact(np.cos(a)), _exact(np.sin(a))
+    return np.stack([np.stack([-s * side, c], -1), np.stack([-c * side, -s], -1)], -2)
+
+
+def _exact(value: Floats) -> Floats:
+    """Quarter turns without the rounding of pi."""
+    return np.where(np.abs(value) < 1e-15, 0.0, value)
 
 
 def _primvar(source: Source, prim: Usd.Prim, name: str | None) -> UsdGeom.Primvar:

@@ -141,6 +141,11 @@ def open_stage(
     return source
 
 
+def copy_variants(variants: Mapping[str, Mapping[str, str]] | None) -> dict[str, dict[str, str]]:
+    """The selections as plain dictionaries."""
+    return {path: dict(choices) for path, choices in (variants or {}).items()}
+
+
 def _select(source: Source, path: str, choices: Mapping[str, str]) -> None:
     prim = source.stage.GetPrimAtPath(path)
     if not prim:

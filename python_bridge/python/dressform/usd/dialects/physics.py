@@ -2,13 +2,13 @@
 
 Both describe a surface deformable by rest points in the mesh's own units and triangles over them;
 Omniverse shortens `Vertex` to `Vtx` and writes `flatDefault` for `flat`. Materials give a volume
-density and a thickness, and membrane stiffness in N/m (stage units divided out of the unit of
-force leave kg/s^2, which no length scales).
+density, a thickness and moduli (force over area), which times the thickness are the membrane's
+density and stiffness.
 """
 
 from __future__ import annotations
 
-from pxr import Usd
+from pxr import Usd, UsdPhysics
 
 from ..stage import Source
 
@@ -29,6 +29,7 @@ def fabric_values(source: Source, material: Usd.Prim) -> dict[str, float]:
     its unit is not settled between the dialects."""
     values: dict[str, float] = {}
     unit = source.frame.meters_per_unit
+    mass = UsdPhysics.GetStageKilogramsPerUnit(source.stage)
     for space in ("omniphysics", "physics"):  # AOUSD's names win
 
         def get(name: str, space: str = space) -> float:
@@ -36,14 +37,15 @@ def fabric_values(source: Source, material: Usd.Prim) -> dict[str, float]:
             return float(value) if isinstance(value, (int, float)) else 0.0
 
         thickness = (get("thickness") or get("surfaceThickness")) * unit
-        density = get("density") / unit**3
+        density = get("density") * mass / unit**3
         if thickness > 0.0:
             values["thickness"] = thickness
             if density > 0.0:
                 values["density"] = density * thickness
-        for name, fields in _STIFFNESS.items():
-            if get(name) > 0.0:
-                values.update(dict.fromkeys(fields, get(name)))
+            for name, fields in _STIFFNESS.items():
+                if get(name) > 0.0:
+                    modulus = get(name) * mass / unit
+                    values.update(dict.fromkeys(fields, modulus * thickness))
         if get("dynamicFriction") > 0.0:
             values["friction"] = get("dynamicFriction")
     return values
