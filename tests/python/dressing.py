@@ -40,7 +40,9 @@ def dress(outfit: Outfit, target: Character) -> list[DressedGarment]:
     return results
 
 
-def skinned(points: np.ndarray, indices: np.ndarray, weights: np.ndarray, transforms: np.ndarray) -> np.ndarray:
+def skinned(
+    points: np.ndarray, indices: np.ndarray, weights: np.ndarray, transforms: np.ndarray
+) -> np.ndarray:
     """Linear blend skinning: sum of w T p over influences; transforms [j, 4, 4] in the same space."""
     blended = np.einsum("nk,nkij->nij", weights, transforms[indices])
     return np.einsum("nij,nj->ni", blended[:, :3, :3], points) + blended[:, :3, 3]

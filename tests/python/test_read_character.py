@@ -17,7 +17,9 @@ def test_any_frame_gives_the_same_body(tmp_path, up, unit):
     character, notes = read_character(scenes.saved(scenes.character_stage(tmp_path / "c.usda", up, unit)))
     points, _ = scenes.tube(0.15, 0.0, 1.7, scenes.BODY_RINGS)
     assert np.abs(character.points - points).max() < 1e-6
-    assert np.abs(character.world_from_joint[:, :3, 3] - [[0, h, 0] for h in scenes.JOINT_HEIGHTS]).max() < 1e-6
+    assert (
+        np.abs(character.world_from_joint[:, :3, 3] - [[0, h, 0] for h in scenes.JOINT_HEIGHTS]).max() < 1e-6
+    )
     assert character.joints == scenes.JOINTS and character.joint_parents == [-1, 0, 1]
     assert notes == []
 
@@ -100,7 +102,9 @@ def test_largest_skinned_mesh_is_the_body_and_another_can_be_named(tmp_path):
     points, quads = scenes.tube(0.16, 0.0, 1.6, 3)
     glove = scenes.add_mesh(stage, "/Hero/Glove", points, quads)
     ones = np.ones((len(points), 1))
-    scenes.bind_skin(glove.GetPrim(), UsdSkel.Skeleton(stage.GetPrimAtPath("/Hero/Skel")), ones.astype(int), ones)
+    scenes.bind_skin(
+        glove.GetPrim(), UsdSkel.Skeleton(stage.GetPrimAtPath("/Hero/Skel")), ones.astype(int), ones
+    )
     file = scenes.saved(stage)
     assert read_character(file)[0].path == "/Hero/Body"
     assert read_character(file, body="/Hero/Glove")[0].path == "/Hero/Glove"
@@ -149,7 +153,11 @@ def test_topology_mismatch_names_the_first_difference(tmp_path):
     other, _ = read_character(scenes.saved(stage))
     with pytest.raises(BadInput) as caught:
         require_same_topology(source, other)
-    assert (caught.value.prim, caught.value.attribute, caught.value.element) == ("/Hero/Body", "faceVertexIndices", 9)
+    assert (caught.value.prim, caught.value.attribute, caught.value.element) == (
+        "/Hero/Body",
+        "faceVertexIndices",
+        9,
+    )
 
 
 def test_sample_characters(samples):
@@ -158,4 +166,3 @@ def test_sample_characters(samples):
         assert len(character.points) == 13_718 and character.skin_influences == 8 and notes == []
         assert len(character.joints) == 104
         assert 1.6 < np.ptp(character.points[:, 1]) < 1.7 and abs(character.points[:, 1].min()) < 1e-6
-

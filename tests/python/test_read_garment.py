@@ -33,7 +33,9 @@ def test_any_frame_gives_the_same_garment(tmp_path, up, unit):
     assert shirt.layer == 1 and shirt.body == 0 and outfit.notes == []
     assert outfit.bodies[0].path == "/SourceBody/Character/Body"
     # a tube of facets develops exactly: 2D and 3D lengths agree whatever the stage's unit
-    assert np.abs(edge_lengths(shirt.points[shirt.triangles]) - edge_lengths(shirt.corner_pattern)).max() < 1e-5
+    assert (
+        np.abs(edge_lengths(shirt.points[shirt.triangles]) - edge_lengths(shirt.corner_pattern)).max() < 1e-5
+    )
 
 
 def test_warp_is_up_the_grain_and_no_panel_is_turned_inside_out(tmp_path):
@@ -86,7 +88,9 @@ def test_unit_of_panel_coordinates(tmp_path, how):
     assert shirt.pattern_origin.meters_per_unit == pytest.approx(unit)
     assert shirt.pattern_origin.inferred == (how == "inferred")
     assert len(outfit.notes) == (1 if how == "inferred" else 0)
-    assert np.abs(edge_lengths(shirt.points[shirt.triangles]) - edge_lengths(shirt.corner_pattern)).max() < 1e-5
+    assert (
+        np.abs(edge_lengths(shirt.points[shirt.triangles]) - edge_lengths(shirt.corner_pattern)).max() < 1e-5
+    )
 
 
 def test_our_own_primvar_wins_over_st(tmp_path):

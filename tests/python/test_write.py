@@ -74,7 +74,10 @@ def test_source_mesh_is_as_it_was(dressed_sample, sample_outfit):
     stage, source = Usd.Stage.Open(str(out)), Usd.Stage.Open(sample_outfit.file)
     new = {"points", "extent", "normals", "garment:sourceBody", "garment:state", "skel:skeleton"}
     for garment in sample_outfit.garments:
-        before, after = source.GetPrimAtPath(garment.path), stage.GetPrimAtPath(f"/thin_woman/Outfit/{garment.name}")
+        before, after = (
+            source.GetPrimAtPath(garment.path),
+            stage.GetPrimAtPath(f"/thin_woman/Outfit/{garment.name}"),
+        )
         for attribute in before.GetAuthoredAttributes():
             name = attribute.GetName()
             if name not in new:
@@ -105,7 +108,10 @@ def test_rest_shapes_hold_the_pattern(dressed_sample):
         prim = stage.GetPrimAtPath(f"/thin_woman/Outfit/{name}")
         a, b = (result.corner_pattern[:, i] - result.corner_pattern[:, 0] for i in (1, 2))
         expected = np.abs(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]).sum() / 2.0
-        for space, triangles, flat in (("physics", "restTriVertexIndices", "flat"), ("omniphysics", "restTriVtxIndices", "flatDefault")):
+        for space, triangles, flat in (
+            ("physics", "restTriVertexIndices", "flat"),
+            ("omniphysics", "restTriVtxIndices", "flatDefault"),
+        ):
             rest = np.array(prim.GetAttribute(f"{space}:restShapePoints").Get(), float)
             tri = np.array(prim.GetAttribute(f"{space}:{triangles}").Get())
             assert tri.shape == (len(prim.GetAttribute("faceVertexCounts").Get()), 3)
@@ -187,9 +193,15 @@ def test_ngons_uv_sets_colours_and_grain_come_back(tmp_path):
         prim = stage.GetPrimAtPath("/Outfit/Shirt")
         api = UsdGeom.PrimvarsAPI(prim)
         colour = np.linspace(0, 1, 3 * 4 * 80).reshape(-1, 3).astype(np.float32)
-        api.CreatePrimvar("displayColor", Sdf.ValueTypeNames.Color3fArray, "faceVarying").Set(Vt.Vec3fArray.FromNumpy(colour))
-        api.CreatePrimvar("uv2", Sdf.ValueTypeNames.TexCoord2fArray, "vertex").Set(Vt.Vec2fArray(96, Gf.Vec2f(0.5)))
-        UsdGeom.PrimvarsAPI(stage.GetPrimAtPath("/Outfit")).CreatePrimvar("wetness", Sdf.ValueTypeNames.Float, "constant").Set(0.25)
+        api.CreatePrimvar("displayColor", Sdf.ValueTypeNames.Color3fArray, "faceVarying").Set(
+            Vt.Vec3fArray.FromNumpy(colour)
+        )
+        api.CreatePrimvar("uv2", Sdf.ValueTypeNames.TexCoord2fArray, "vertex").Set(
+            Vt.Vec2fArray(96, Gf.Vec2f(0.5))
+        )
+        UsdGeom.PrimvarsAPI(stage.GetPrimAtPath("/Outfit")).CreatePrimvar(
+            "wetness", Sdf.ValueTypeNames.Float, "constant"
+        ).Set(0.25)
         stage.GetPrimAtPath("/Outfit/Shirt/back").GetAttribute("garment:panel:grainAngle").Set(30.0)
         UsdGeom.Xformable(prim).AddTranslateOp().Set(Gf.Vec3d(1.0, 2.0, 3.0))
         UsdGeom.PointBased(prim).CreateVelocitiesAttr(Vt.Vec3fArray(96))
@@ -346,13 +358,19 @@ def test_same_input_same_bytes(tmp_path, suffix):
     here = str(REPOSITORY / "tests" / "python")
     other = tmp_path / "b" / f"out{suffix}"
     command = [sys.executable, "-c", script, outfit.file, target.origin.file, str(other), here]
-    subprocess.run(command, check=True, env={**os.environ, "PYTHONHASHSEED": "7", "PXR_WORK_THREAD_LIMIT": "1"})
+    subprocess.run(
+        command, check=True, env={**os.environ, "PYTHONHASHSEED": "7", "PXR_WORK_THREAD_LIMIT": "1"}
+    )
     assert {p.name: p.read_bytes() for p in other.parent.iterdir()} == first
 
 
 def test_inputs_are_not_changed(dressed_sample, samples):
     status = subprocess.run(
-        ["git", "status", "--porcelain", "samples"], cwd=REPOSITORY, capture_output=True, text=True, check=False
+        ["git", "status", "--porcelain", "samples"],
+        cwd=REPOSITORY,
+        capture_output=True,
+        text=True,
+        check=False,
     )
     if status.returncode != 0:
         pytest.skip("not a git checkout")
