@@ -26,9 +26,9 @@ def dressed_sample(tmp_path_factory, sample_outfit, sample_target):
     return out, results
 
 
-def scene(tmp_path, up="Y", unit=1.0, change=None, outfit_up="Z", outfit_unit=0.01, change_outfit=None):
-    """Outfit, target and results of the small scene, each in a frame of its own."""
-    stage = scenes.outfit_stage(tmp_path / "outfit.usda", outfit_up, outfit_unit)
+def scene(tmp_path, up="Y", unit=1.0, change=None, change_outfit=None):
+    """Outfit (Z up, cm), target and results of the small scene."""
+    stage = scenes.outfit_stage(tmp_path / "outfit.usda", "Z", 0.01)
     if change_outfit:
         change_outfit(stage)
     outfit = read_outfit(scenes.saved(stage))
@@ -271,7 +271,7 @@ def test_materials_come_along_and_are_bound_again(tmp_path):
     shader, _, _ = bound("/Hero/Outfit/Shirt").ComputeSurfaceSource()
     file = shader.GetInput("file").Get()
     assert file.path == "../tex/weave.png" and os.path.samefile(file.resolvedPath, texture)
-    _, assets, unresolved = UsdUtils.ComputeAllDependencies(str(out))
+    _, _, unresolved = UsdUtils.ComputeAllDependencies(str(out))
     assert unresolved == []
     assert [p.fabric.preset for p in read_outfit(out).garments[0].panels] == ["silk", "denim"]
 
@@ -375,3 +375,34 @@ def test_inputs_are_not_changed(dressed_sample, samples):
     if status.returncode != 0:
         pytest.skip("not a git checkout")
     assert status.stdout == ""
+
+
+def test_an_instanced_garment_is_opened_up_in_the_output_only(tmp_path):
+    scenes.saved(scenes.outfit_stage(tmp_path / "inner.usda"))
+    stage = scenes.new_stage(tmp_path / "outfit.usda")
+    holder = stage.DefinePrim("/Wardrobe/Left")
+    holder.GetReferences().AddReference("./inner.usda")
+    holder.SetInstanceable(True)
+    scenes.add_character(stage, "/Body", np.eye(3))
+    file = scenes.saved(stage)
+    before = file.read_bytes()
+    outfit = read_outfit(file)
+    assert outfit.garments[0].path == "/Wardrobe/Left/Shirt"
+    target, _ = read_character(scenes.saved(scenes.character_stage(tmp_path / "hero.usda", girth=1.2)))
+    out = tmp_path / "out.usda"
+    results = dressing.dress(outfit, target)
+    write_dressed(out, outfit, target, results)
+    assert np.abs(read_outfit(out).garments[0].points - results[0].points).max() < 1e-6
+    assert file.read_bytes() == before
+
+
+def test_a_dressed_character_keeps_what_it_wears(tmp_path):
+    outfit, target, results = scene(tmp_path)
+    first = tmp_path / "first.usda"
+    write_dressed(first, outfit, target, results)
+    again, notes = read_character(first)
+    assert notes == ["it wears Shirt already, which stays and is not collided with"]
+    second = tmp_path / "second.usda"
+    write_dressed(second, outfit, again, results)
+    stage = Usd.Stage.Open(str(second))
+    assert stage.GetPrimAtPath("/Hero/Outfit/Shirt") and stage.GetPrimAtPath("/Hero/Outfit_1/Shirt")

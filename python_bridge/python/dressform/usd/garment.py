@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 from pxr import Usd, UsdGeom
 
+from ..errors import BadInput
 from ..model import Character, GarmentSource, Outfit
 from .character import character_under, skinned_meshes
 from .marks import is_garment
@@ -105,7 +106,7 @@ def read_garment(
     )
 
 
-def _degenerate(source: Source, prim: Usd.Prim, face: int, where: str) -> Exception:
+def _degenerate(source: Source, prim: Usd.Prim, face: int, where: str) -> BadInput:
     return source.bad(f"face {face} has no area {where}", prim, "faceVertexIndices", face)
 
 
