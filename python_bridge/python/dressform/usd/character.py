@@ -188,7 +188,7 @@ def _colliders(source: Source, body: Usd.Prim, wanted: list[str]) -> list[Collid
         for prim in meshes:
             path = str(prim.GetPath())
             if path not in found:
-                points, triangles, _ = read_mesh(source, prim, _world_from_collider(source, prim))
+                points, triangles, _ = read_mesh(source, prim, world_from_skinned(source, prim))
                 found[path] = Collider(path, points, triangles)
     return list(found.values())
 
@@ -199,8 +199,13 @@ def _matches(prim: Usd.Prim, want: str) -> bool:
     return any(fnmatch(name, want) for name in str(prim.GetPath()).split("/")[1:])
 
 
-def _world_from_collider(source: Source, prim: Usd.Prim) -> Floats | None:
-    skeleton = bound_skeleton(source, prim) if is_skinned(prim) else None
+def world_from_skinned(source: Source, prim: Usd.Prim) -> Floats | None:
+    """World from a mesh through its binding; None for meshes that no skeleton moves."""
+    try:
+        skeleton = bound_skeleton(source, prim) if is_skinned(prim) else None
+    except BadInput as error:
+        source.note(f"skel:skeleton {error.message}: its own transform is taken", prim)
+        return None
     if skeleton is None:
         return None
     world = source.world_from_local(skeleton)

@@ -11,7 +11,7 @@ from pxr import Usd, UsdGeom
 
 from ..errors import BadInput
 from ..model import Character, Floats, GarmentSource, Outfit
-from .character import character_under, skinned_meshes
+from .character import character_under, skinned_meshes, world_from_skinned
 from .marks import is_garment
 from .mesh import degenerate_triangles, read_mesh
 from .orient import turned_triangles
@@ -83,7 +83,7 @@ def read_garment(
     Args:
         body: world points of its source body, to tell outside from inside.
     """
-    points, triangles, origin = read_mesh(source, prim)
+    points, triangles, origin = read_mesh(source, prim, world_from_skinned(source, prim))
     flat = degenerate_triangles(points, triangles)
     if len(flat):
         raise _degenerate(source, prim, origin.face_of_triangle[flat[0]], "in 3D")

@@ -82,7 +82,7 @@ class Source:
             if ops and ops.TransformMightBeTimeVarying():
                 time = Usd.TimeCode.EarliestTime()
                 self.note("the transform is animated: its earliest time is taken", p)
-        return matrix(UsdGeom.Imageable(prim).ComputeLocalToWorldTransform(time))
+        return matrix(UsdGeom.XformCache(time).GetLocalToWorldTransform(prim))
 
     def world_from_local(self, prim: Usd.Prim) -> Floats:
         """World (metres, Y up) from the prim's local space, shape [4, 4]."""
