@@ -150,6 +150,20 @@ def test_weights_are_sorted_normalised_and_of_the_target(dressed_sample, sample_
         assert binding.GetSkeletonRel().GetTargets() == [Sdf.Path("/thin_woman/Skel")]
 
 
+def test_weights_are_brought_to_a_sum_of_one_and_in_order(tmp_path):
+    outfit, target, results = scene(tmp_path)
+    n = len(results[0].points)
+    results[0].influences = 3
+    results[0].joint_indices = np.tile([2, 0, 1], n)
+    results[0].joint_weights = np.tile([0.2, 0.0, 0.6], n)
+    out = tmp_path / "out.usda"
+    write_dressed(out, outfit, target, results)
+    stage = Usd.Stage.Open(str(out))
+    binding = UsdSkel.BindingAPI(stage.GetPrimAtPath("/Hero/Outfit/Shirt"))
+    assert np.array(binding.GetJointIndicesPrimvar().Get()).reshape(-1, 3)[5].tolist() == [1, 2, 0]
+    assert np.array(binding.GetJointWeightsPrimvar().Get()).reshape(-1, 3)[5].tolist() == [0.75, 0.25, 0.0]
+
+
 def test_certificate_stands_on_the_garment(tmp_path):
     outfit, target, results = scene(tmp_path)
     out = tmp_path / "out.usda"
