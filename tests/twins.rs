@@ -211,7 +211,10 @@ fn block_multiply() -> Case {
     }
 }
 
-const CASES: &[(&str, fn() -> Case)] = &[
+/// Cases by kernel.
+type Cases = [(&'static str, fn() -> Case)];
+
+const CASES: &Cases = &[
     ("dot_partial", dot_partial),
     ("cg_alpha", cg_alpha),
     ("cg_beta", cg_beta),
