@@ -189,7 +189,7 @@ fn bsr_multiply() -> Case {
         vec![0; x.len()],
     ];
     Case {
-        invocations: 3 * s.rows(),
+        invocations: s.rows(),
         params: [s.rows() as u32, 0, 0, 0],
         buffers,
         expected: vec![Expected { slot: 4, values }],
