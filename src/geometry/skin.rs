@@ -1,8 +1,7 @@
 //! Which part of a body something outside can touch.
 //!
 //! Bodies come with eyes, teeth and tongue as components of their own. They need not be inside
-//! in the sense of the winding number (a mouth is a fold of the skin, and the skin is open for
-//! the eyes), so we ask what can be seen: from a component's points rays go out to all sides,
+//! in the sense of the winding number (a mouth or an eye socket is a fold of the skin), so we ask what can be seen: from a component's points rays go out to all sides,
 //! and a component of which few rays escape the other components is enclosed.
 
 use rayon::prelude::*;
@@ -26,15 +25,17 @@ pub fn outer_skin(mesh: &TriMesh) -> Vec<bool> {
     if areas.iter().filter(|&&area| area > 0.0).count() < 2 {
         return vec![true; mesh.points.len()];
     }
+    let largest = (0..count).max_by(|&a, &b| areas[a].total_cmp(&areas[b]));
+    let asked: Vec<usize> =
+        (0..mesh.points.len()).filter(|&i| Some(component[i] as usize) != largest).collect();
     let surface = Surface::new(mesh.clone());
     let escaped: Vec<(u32, u32)> =
-        (0..mesh.points.len()).into_par_iter().map(|i| escaping_rays(&surface, &component, i)).collect();
+        asked.par_iter().map(|&i| escaping_rays(&surface, &component, i)).collect();
     let mut rays = vec![(0u32, 0u32); count];
-    for (i, (free, all)) in escaped.into_iter().enumerate() {
+    for (&i, (free, all)) in asked.iter().zip(escaped) {
         let sum = &mut rays[component[i] as usize];
         *sum = (sum.0 + free, sum.1 + all);
     }
-    let largest = (0..count).max_by(|&a, &b| areas[a].total_cmp(&areas[b]));
     let outer: Vec<bool> = (0..count)
         .map(|c| Some(c) == largest || f64::from(rays[c].0) >= ESCAPING * f64::from(rays[c].1))
         .collect();

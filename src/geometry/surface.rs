@@ -48,6 +48,7 @@ pub struct Surface {
     edge_normals: Vec<[Vec3; 3]>,
     open_points: Vec<bool>,
     open_edges: Vec<[bool; 3]>,
+    closed: bool,
 }
 
 impl std::fmt::Debug for Surface {
@@ -68,6 +69,7 @@ impl Surface {
         let moments = winding::moments(&mesh, &nodes);
         let point_normals = mesh.point_normals();
         let (edge_normals, open_edges) = edge_features(&mesh);
+        let closed = is_closed(&mesh);
         let mut open_points = vec![false; mesh.points.len()];
         for (tri, open) in mesh.triangles.iter().zip(&open_edges) {
             for k in (0..3).filter(|&k| open[k]) {
@@ -75,7 +77,7 @@ impl Surface {
                 open_points[tri[(k + 2) % 3] as usize] = true;
             }
         }
-        Surface { mesh, tree, nodes, moments, point_normals, edge_normals, open_points, open_edges }
+        Surface { mesh, tree, nodes, moments, point_normals, edge_normals, open_points, open_edges, closed }
     }
 
     /// The mesh.
@@ -111,6 +113,12 @@ impl Surface {
     /// Whether each edge of each triangle belongs to that triangle alone.
     pub fn open_edges(&self) -> &[[bool; 3]] {
         &self.open_edges
+    }
+
+    /// Whether the surface has no border: every edge is passed as often one way as the other.
+    /// Then the winding number is a whole number that changes only across triangles.
+    pub fn is_closed(&self) -> bool {
+        self.closed
     }
 
     /// The closest point of the surface.
@@ -243,6 +251,17 @@ fn edge_features(mesh: &TriMesh) -> (Vec<[Vec3; 3]>, Vec<[bool; 3]>) {
         .unzip()
 }
 
+fn is_closed(mesh: &TriMesh) -> bool {
+    let mut passes: HashMap<(u32, u32), i32> = HashMap::with_capacity(mesh.triangles.len() * 3 / 2);
+    for tri in &mesh.triangles {
+        for k in 0..3 {
+            let (a, b) = (tri[k], tri[(k + 1) % 3]);
+            *passes.entry((a.min(b), a.max(b))).or_insert(0) += if a < b { 1 } else { -1 };
+        }
+    }
+    passes.iter().all(|((a, b), count)| a == b || *count == 0)
+}
+
 #[cfg(test)]
 pub(crate) mod tests {
     use super::*;
@@ -312,6 +331,18 @@ pub(crate) mod tests {
             let out = (p - on.point).dot(&surface.pseudo_normal(&on)) > 0.0;
             assert_eq!(out, surface.winding_number(&p) < 0.5, "{p:?} {on:?}");
         }
+    }
+
+    #[test]
+    fn closed_means_no_border_and_one_orientation() {
+        let ball = sphere(5, 6);
+        assert!(Surface::new(ball.clone()).is_closed());
+        let mut holed = ball.clone();
+        holed.triangles.pop();
+        assert!(!Surface::new(holed).is_closed());
+        let mut turned = ball;
+        turned.triangles[3].swap(0, 1);
+        assert!(!Surface::new(turned).is_closed());
     }
 
     #[test]
