@@ -120,7 +120,7 @@ pub(super) fn run(device: &Device, input: &Input<'_>, params: &Params) -> Result
     }
     let areas = skin_mesh.point_areas();
     let skin = Skin { triangles: skin_mesh.triangles, of_body };
-    let motion = Motion::best_rigid(&skin_mesh.points, &skin.points(&input.target.points), &areas);
+    let motion = Motion::best(&skin_mesh.points, &skin.points(&input.target.points), &areas);
     let (lo, hi) = input.source.bounds().ok_or(Error::Empty)?;
     let flow = Flow { device, params, skin, target: input.target.points.clone(), reach: (hi - lo).norm() };
     let mut state = State {
