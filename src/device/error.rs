@@ -27,6 +27,9 @@ pub enum DeviceError {
     /// A kernel was given the wrong number of buffers.
     #[error("kernel '{kernel}' takes {expected} buffers, {found} given")]
     Bindings { kernel: &'static str, found: usize, expected: usize },
+    /// A buffer of another device was given.
+    #[error("buffer '{label}' belongs to another device")]
+    Foreign { label: &'static str },
     /// A buffer was bound twice, once to be written.
     #[error("kernel '{kernel}': buffer '{label}' is bound twice while written")]
     Aliased { kernel: &'static str, label: &'static str },

@@ -1,1 +1,4 @@
 //! drape
+
+pub mod cloth;
+pub mod elastic;

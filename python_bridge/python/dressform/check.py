@@ -91,7 +91,8 @@ def _garments(source: Source, errors: _Errors) -> list[dict[str, Any]]:
     found = []
     for prim in [p for p in source.prims() if is_garment(p)]:
         body = errors.attempt(bodies.of, prim)
-        garment = errors.attempt(read_garment, source, prim, -1 if body is None else body)
+        points = None if body is None else bodies.found[body].points
+        garment = errors.attempt(read_garment, source, prim, points)
         if garment is not None:
             path = None if body is None else bodies.found[body].path
             found.append(_garment(prim, garment, path))
@@ -112,9 +113,7 @@ def _garment(prim: Usd.Prim, garment: GarmentSource, body: str | None) -> dict[s
         "triangles": len(garment.triangles),
         "pattern": None if pattern is None else vars(pattern).copy(),
         "panels": _panels(garment),
-        "seams": [
-            {"name": s.name, "pairs": len(s.pairs), "offset": s.offset} for s in garment.seams
-        ],
+        "seams": [{"name": s.name, "pairs": len(s.pairs), "offset": s.offset} for s in garment.seams],
         "welded_seam_points": _welded(garment),
     }
 
