@@ -27,5 +27,5 @@ pub mod transfer;
 
 /// Every kernel of the crate, for the tests that validate shaders and compare twins.
 pub fn kernels() -> Vec<&'static device::Kernel> {
-    [solve::vector::KERNELS, solve::cg::KERNELS, solve::bsr::KERNELS].concat()
+    [solve::vector::KERNELS, solve::cg::KERNELS, solve::bsr::KERNELS, transfer::KERNELS].concat()
 }
