@@ -1,0 +1,51 @@
+//! Every typed error of the core as a Python exception; the classes stand in
+//! `dressform/errors.py`, each with the exit code of the command line.
+
+use dressform::device::DeviceError;
+use dressform::model::SourceError;
+use pyo3::PyErr;
+
+mod class {
+    //! The Python classes.
+    #![allow(missing_docs, reason = "the macro's types; documented in errors.py")]
+    pyo3::import_exception!(dressform.errors, InputError);
+    pyo3::import_exception!(dressform.errors, SettingsError);
+    pyo3::import_exception!(dressform.errors, DeviceError);
+    pyo3::import_exception!(dressform.errors, InternalError);
+}
+
+/// The caller's arrays or files are wrong.
+pub fn input(message: impl Into<String>) -> PyErr {
+    class::InputError::new_err(message.into())
+}
+
+/// The settings are wrong.
+pub fn settings(error: &serde_json::Error) -> PyErr {
+    class::SettingsError::new_err(error.to_string())
+}
+
+/// A fault of ours.
+pub fn internal(message: impl Into<String>) -> PyErr {
+    class::InternalError::new_err(message.into())
+}
+
+/// A garment whose arrays do not fit together.
+pub fn source(error: SourceError) -> PyErr {
+    input(error.to_string())
+}
+
+/// The device refused or failed; a wrong binding or shader is a fault of ours.
+pub fn device(error: DeviceError) -> PyErr {
+    let message = error.to_string();
+    match error {
+        DeviceError::NoAdapter { .. }
+        | DeviceError::Refused { .. }
+        | DeviceError::Lost(_)
+        | DeviceError::OutOfMemory(_)
+        | DeviceError::TooLarge { .. } => class::DeviceError::new_err(message),
+        DeviceError::Length { .. }
+        | DeviceError::Bindings { .. }
+        | DeviceError::Aliased { .. }
+        | DeviceError::Rejected(_) => internal(message),
+    }
+}
