@@ -114,6 +114,8 @@ class Character:
     #: Path of the skeleton and of the prim that holds the whole character (the SkelRoot or above).
     skeleton_path: str = ""
     root_path: str = ""
+    #: Variants that were selected on reading, ``{prim path: {variant set: variant}}``.
+    variants: dict[str, dict[str, str]] = field(default_factory=dict)
 
 
 @dataclass
@@ -135,6 +137,8 @@ class Panel:
     fabric: Fabric = field(default_factory=Fabric)
     #: From +v to the warp, counter-clockwise [degrees]; ``corner_pattern`` is already turned.
     grain_angle: float = 0.0
+    #: True where the stage has the piece from its inside; ``corner_pattern`` is mirrored back.
+    mirrored: bool = False
 
 
 @dataclass
@@ -193,6 +197,8 @@ class Outfit:
     frame: StageFrame = field(default_factory=StageFrame)
     #: What was repaired, inferred or left out, one sentence each.
     notes: list[str] = field(default_factory=list)
+    #: Variants that were selected on reading, ``{prim path: {variant set: variant}}``.
+    variants: dict[str, dict[str, str]] = field(default_factory=dict)
 
 
 @dataclass
