@@ -17,6 +17,7 @@ from .panels import mark_mirrored, read_panels
 from .pattern import panel_from_uv, read_pattern
 from .seams import read_seams
 from .stage import Source, copy_variants, open_stage
+from .topology import note_topology
 
 
 def read_outfit(
@@ -41,7 +42,7 @@ def read_outfit(
     """
     source = open_stage(file, variants)
     prims = garment_prims(source, list(garments))
-    bodies = _Bodies(source, source_body)
+    bodies = Bodies(source, source_body)
     outfit = Outfit(name=Path(source.file).stem, garments=[], bodies=bodies.found)
     outfit.file, outfit.frame = source.file, source.frame
     for prim in prims:
@@ -78,6 +79,7 @@ def read_garment(
     flat = degenerate_triangles(points, triangles)
     if len(flat):
         raise _degenerate(source, prim, origin.face_of_triangle[flat[0]], "in 3D")
+    note_topology(source, prim, len(points), triangles)
     uv, pattern_origin = read_pattern(source, prim, origin, points, pattern_primvar)
     flat = degenerate_triangles(uv, triangles)
     if len(flat):
@@ -107,7 +109,7 @@ def _degenerate(source: Source, prim: Usd.Prim, face: int, where: str) -> Except
     return source.bad(f"face {face} has no area {where}", prim, "faceVertexIndices", face)
 
 
-class _Bodies:
+class Bodies:
     """Source bodies by the prim that holds them, each read once."""
 
     def __init__(self, source: Source, file: str | os.PathLike[str] | None) -> None:

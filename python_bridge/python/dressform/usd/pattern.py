@@ -59,13 +59,13 @@ def read_pattern(
 def panel_from_uv(panels: list[Panel]) -> Floats:
     """What turns (u, v) to (warp, weft) in each panel, shape [panels, 2, 2].
 
-    A rotation, but for panels that the stage shows from their inside: those are mirrored first
-    (u to -u), so that every panel is seen from outside. Orthogonal, so the transpose turns back.
+    A rotation, but for panels that the stage shows from their inside: there the weft is turned
+    over, so that every panel is seen from outside. Orthogonal, so the transpose turns back.
     """
     a = np.radians([panel.grain_angle for panel in panels])
     side = np.where([panel.mirrored for panel in panels], -1.0, 1.0)
     c, s = _exact(np.cos(a)), _exact(np.sin(a))
-    return np.stack([np.stack([-s * side, c], -1), np.stack([-c * side, -s], -1)], -2)
+    return np.stack([np.stack([-s, c], -1), np.stack([-c * side, -s * side], -1)], -2)
 
 
 def _exact(value: Floats) -> Floats:
