@@ -8,25 +8,25 @@ use pyo3::PyErr;
 mod class {
     //! The Python classes.
     #![allow(missing_docs, reason = "the macro's types; documented in errors.py")]
-    pyo3::import_exception!(dressform.errors, InputError);
-    pyo3::import_exception!(dressform.errors, SettingsError);
-    pyo3::import_exception!(dressform.errors, DeviceError);
-    pyo3::import_exception!(dressform.errors, InternalError);
+    pyo3::import_exception!(dressform.errors, BadInput);
+    pyo3::import_exception!(dressform.errors, BadSettings);
+    pyo3::import_exception!(dressform.errors, NoDevice);
+    pyo3::import_exception!(dressform.errors, InternalFault);
 }
 
 /// The caller's arrays or files are wrong.
 pub fn input(message: impl Into<String>) -> PyErr {
-    class::InputError::new_err(message.into())
+    class::BadInput::new_err(message.into())
 }
 
 /// The settings are wrong.
 pub fn settings(error: &serde_json::Error) -> PyErr {
-    class::SettingsError::new_err(error.to_string())
+    class::BadSettings::new_err(error.to_string())
 }
 
 /// A fault of ours.
 pub fn internal(message: impl Into<String>) -> PyErr {
-    class::InternalError::new_err(message.into())
+    class::InternalFault::new_err(message.into())
 }
 
 /// A garment whose arrays do not fit together.
@@ -42,7 +42,7 @@ pub fn device(error: DeviceError) -> PyErr {
         | DeviceError::Refused { .. }
         | DeviceError::Lost(_)
         | DeviceError::OutOfMemory(_)
-        | DeviceError::TooLarge { .. } => class::DeviceError::new_err(message),
+        | DeviceError::TooLarge { .. } => class::NoDevice::new_err(message),
         DeviceError::Length { .. }
         | DeviceError::Bindings { .. }
         | DeviceError::Aliased { .. }

@@ -30,7 +30,7 @@ static LAST_PANIC: Mutex<String> = Mutex::new(String::new());
 /// Payload that unwinds a cancelled worker.
 struct Cancelled;
 
-/// Keeps panics off the terminal: they become `InternalError`. With `RUST_BACKTRACE` set they
+/// Keeps panics off the terminal: they become `InternalFault`. With `RUST_BACKTRACE` set they
 /// are printed as well.
 pub fn quiet_panics() {
     let print = panic::take_hook();

@@ -10,6 +10,7 @@ use dressform::model::{
     TriMesh, Vec2, Vec3,
 };
 use numpy::{AllowTypeChange, PyArrayDescrMethods, PyArrayLikeDyn, PyUntypedArray, PyUntypedArrayMethods};
+use pyo3::conversion::FromPyObjectOwned;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
@@ -26,11 +27,9 @@ impl<'py> Record<'_, 'py> {
         self.dict.get_item(key)?.ok_or_else(|| errors::input(format!("{}: no '{key}'", self.of)))
     }
 
-    fn get<T>(&self, key: &str) -> PyResult<T>
-    where
-        T: for<'a> FromPyObject<'a, 'py, Error = PyErr>,
-    {
-        self.item(key)?.extract().map_err(|e: PyErr| self.wrong(key, &e.to_string()))
+    fn get<T: FromPyObjectOwned<'py>>(&self, key: &str) -> PyResult<T> {
+        let item = self.item(key)?;
+        item.extract().map_err(|e| self.wrong(key, &Into::<PyErr>::into(e).to_string()))
     }
 
     fn wrong(&self, key: &str, what: &str) -> PyErr {
