@@ -5,7 +5,7 @@ use std::collections::HashMap;
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
-use super::{Fabric, SeamGroups, TriMesh, Vec2, Vec3};
+use super::{Fabric, SeamGroups, Skin, TriMesh, Vec2, Vec3};
 
 /// Two 2D positions of one 3D point closer than this are one vertex [m].
 const SAME_PATTERN_POINT: f64 = 1e-6;
@@ -57,6 +57,7 @@ pub struct GarmentSource {
 
 /// What is wrong with a [`GarmentSource`].
 #[derive(Clone, Debug, Error, PartialEq)]
+#[expect(missing_docs, reason = "the messages name the fields")]
 pub enum SourceError {
     /// The arrays of a garment do not fit together.
     #[error("{garment}: {what} has {found} elements, {expected} expected")]
@@ -179,6 +180,18 @@ impl Garment {
         TriMesh { points: points.to_vec(), triangles: self.triangles.clone() }
     }
 
+    /// The 3D mesh with its vertices at `points` and sewn vertices merged (those sewn with an
+    /// offset stay apart), triangle by triangle as [`Garment::triangles`].
+    pub fn welded_mesh(&self, points: &[Vec3]) -> TriMesh {
+        let weld = &self.groups.weld_of_vertex;
+        let mut welded = vec![Vec3::zeros(); self.groups.weld_count];
+        for v in (0..points.len()).rev() {
+            welded[weld[v] as usize] = points[v];
+        }
+        let triangles = self.triangles.iter().map(|t| t.map(|v| weld[v as usize])).collect();
+        TriMesh { points: welded, triangles }
+    }
+
     /// The corners of triangle `t` in `pattern` coordinates.
     pub fn pattern_corners(&self, pattern: &[Vec2], t: usize) -> [Vec2; 3] {
         self.triangles[t].map(|v| pattern[v as usize])
@@ -192,6 +205,21 @@ impl Garment {
             points[p as usize] = vertex_points[v];
         }
         points
+    }
+
+    /// Skin weights of the source mesh's points from those of the vertices; points that no
+    /// triangle uses follow the first joint.
+    pub fn scatter_skin(&self, skin: &Skin) -> Skin {
+        let k = skin.influences;
+        let mut joint_indices = vec![0; self.point_count * k];
+        let mut joint_weights = vec![0.0; self.point_count * k];
+        joint_weights.iter_mut().step_by(k.max(1)).for_each(|w| *w = 1.0);
+        for (v, &p) in self.point_of_vertex.iter().enumerate().rev() {
+            let (from, to) = (v * k, p as usize * k);
+            joint_indices[to..to + k].copy_from_slice(&skin.joint_indices[from..from + k]);
+            joint_weights[to..to + k].copy_from_slice(&skin.joint_weights[from..from + k]);
+        }
+        Skin { influences: k, joint_indices, joint_weights }
     }
 
     /// Fabric of triangle `t`.

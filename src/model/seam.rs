@@ -61,6 +61,11 @@ pub struct SeamGroups {
     pub node_of_vertex: Vec<u32>,
     /// Number of nodes.
     pub node_count: usize,
+    /// Vertices that lie on one another share this, shape `[vertices]`: as `node_of_vertex`,
+    /// but vertices sewn with an offset are apart from what they are sewn onto.
+    pub weld_of_vertex: Vec<u32>,
+    /// Number of distinct welds.
+    pub weld_count: usize,
     /// A vertex without offset for each node, shape `[nodes]`: the node's position is its.
     pub anchor_of_node: Vec<u32>,
     /// Whether the vertex is sewn with an offset from its node, shape `[vertices]`.
@@ -96,7 +101,8 @@ impl SeamGroups {
                 *anchor = v as u32;
             }
         }
-        SeamGroups { node_of_vertex, node_count, anchor_of_node, has_offset }
+        let (weld_of_vertex, weld_count) = flat.labels();
+        SeamGroups { node_of_vertex, node_count, weld_of_vertex, weld_count, anchor_of_node, has_offset }
     }
 
     /// Node positions from vertex positions.

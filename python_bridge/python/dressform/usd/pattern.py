@@ -12,9 +12,9 @@ import numpy as np
 from pxr import Usd, UsdGeom
 
 from ..model import Floats, MeshOrigin, Panel, PatternOrigin
+from .dialects import clo, physics
 from .stage import Source
 
-PATTERN = "primvars:garment:pattern"
 #: `st` is in millimetres unless something says otherwise.
 MILLIMETRE = 1e-3
 #: 3D over 2D length beyond which (or below whose inverse) the unit cannot be right.
@@ -29,31 +29,52 @@ def read_pattern(
 ) -> tuple[Floats, PatternOrigin]:
     """(u, v) of each triangle's corners in metres, shape [t, 3, 2], not yet turned.
 
+    Looked for in this order: ``primvars:garment:pattern``, a flat rest shape of the physics
+    dialects, ``primvars:st``, the only other set of texture coordinates.
+
     Args:
         points: world points, to judge the unit by.
         primvar: name of the primvar to read instead of looking for one.
     """
-    var = _primvar(source, prim, primvar)
-    flat = _flattened(source, prim, var, origin)
-    uv = flat[origin.corner_of_triangle]
-    unit, said = _unit(source, prim, var)
+    own = UsdGeom.PrimvarsAPI(prim).FindPrimvarWithInheritance("garment:pattern").HasValue()
+    rest = None if own or primvar else physics.rest_corners(source, prim, origin)
+    if rest is not None:
+        name, uv = rest
+        unit, said = float(np.cbrt(abs(np.linalg.det(origin.world_from_local[:3, :3])))), True
+    else:
+        var = _primvar(source, prim, primvar)
+        name = str(var.GetName())
+        uv = _flattened(source, prim, var, origin)[origin.corner_of_triangle]
+        unit, said = _unit(source, prim, var)
+        scale = None if own else clo.rest_position_scale(prim)
+        if scale is not None:
+            uv, unit, said = uv * np.array(scale), source.frame.meters_per_unit, False
+    return _in_metres(source, prim, origin, points, uv, PatternOrigin(name, unit, not said))
+
+
+def _in_metres(
+    source: Source, prim: Usd.Prim, origin: MeshOrigin, points: Floats, uv: Floats, said: PatternOrigin
+) -> tuple[Floats, PatternOrigin]:
+    """Applies the unit, or a better one where it was only assumed and cannot be right."""
+    name, unit = said.attribute, said.meters_per_unit
     ratio = _length_ratio(points, origin, uv * unit)
-    inferred = False
-    if not 1.0 / WRONG_UNIT < ratio < WRONG_UNIT:
-        if said:
-            source.note(
-                f"{var.GetName()}: lengths in 3D are {ratio:.3g} times those of the panels; "
-                f"the authored unit of {unit:g} m stands",
-                prim,
-            )
-        else:
-            unit, inferred = _known_unit(unit * ratio), True
-            source.note(
-                f"{var.GetName()}: no unit is authored and millimetres cannot be right "
-                f"(3D lengths are {ratio:.3g} times those of the panels): {unit:g} m was inferred",
-                prim,
-            )
-    return uv * unit, PatternOrigin(str(var.GetName()), unit, inferred)
+    plausible = 1.0 / WRONG_UNIT < ratio < WRONG_UNIT
+    inferred = said.inferred and not plausible
+    if inferred and np.isfinite(ratio):
+        better = _known_unit(unit * ratio)
+        source.note(
+            f"{name}: no unit is authored and {unit:g} m cannot be right (3D lengths are "
+            f"{ratio:.3g} times those of the panels): {better:g} m was inferred",
+            prim,
+        )
+        unit = better
+    elif not plausible:
+        source.note(
+            f"{name}: lengths in 3D are {ratio:.3g} times those of the panels; the authored unit "
+            f"of {unit:g} m stands",
+            prim,
+        )
+    return uv * unit, PatternOrigin(name, unit, inferred)
 
 
 def panel_from_uv(panels: list[Panel]) -> Floats:
