@@ -112,9 +112,7 @@ def _garment(prim: Usd.Prim, garment: GarmentSource, body: str | None) -> dict[s
         "triangles": len(garment.triangles),
         "pattern": None if pattern is None else vars(pattern).copy(),
         "panels": _panels(garment),
-        "seams": [
-            {"name": s.name, "pairs": len(s.pairs), "offset": s.offset} for s in garment.seams
-        ],
+        "seams": [{"name": s.name, "pairs": len(s.pairs), "offset": s.offset} for s in garment.seams],
         "welded_seam_points": _welded(garment),
     }
 

@@ -72,3 +72,8 @@ def _dressed(garment: dict[str, Any]) -> DressedGarment:
         influences=garment["influences"],
         certificate=report["certificate"],
     )
+
+
+def version() -> str:
+    """The core's version."""
+    return _native.version

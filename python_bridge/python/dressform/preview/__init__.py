@@ -9,6 +9,7 @@ from .fields import signed_distance, stretch
 from .flat import draw_patterns
 from .scene import by_distance, by_panel, by_strain, dressed
 from .page import VIEWS, Item, Row, sheet
+from .stage import draw_stage
 
 __all__ = [
     "VIEWS",
@@ -18,6 +19,7 @@ __all__ = [
     "by_panel",
     "by_strain",
     "draw_patterns",
+    "draw_stage",
     "dressed",
     "sheet",
     "signed_distance",

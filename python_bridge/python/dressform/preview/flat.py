@@ -83,7 +83,7 @@ def draw_patterns(
     figure = Figure(facecolor=BACKGROUND)
     rows = figure.subplots(len(garments), 1, squeeze=False)[:, 0]
     sizes = [_garment(rows[g], g, m, None if sources is None else sources[g]) for g, m in enumerate(garments)]
-    _fit_page(figure, rows, np.array(sizes))
+    _fit_page(figure, list(rows), np.array(sizes))
     path = Path(output)
     path.parent.mkdir(parents=True, exist_ok=True)
     extra: dict[str, Any] = {"metadata": {"Date": None}} if path.suffix == ".svg" else {}
@@ -91,7 +91,7 @@ def draw_patterns(
     return path
 
 
-def _fit_page(figure: Any, rows: Sequence[Any], sizes: Floats) -> None:
+def _fit_page(figure: Any, rows: list[Any], sizes: Floats) -> None:
     """One scale for all garments, and a page that is no larger than they need."""
     title, margin = 0.35, 0.15  # inches
     scale = (PAGE_WIDTH - 2 * margin) / sizes[:, 0].max()
@@ -136,7 +136,9 @@ def _garment(
             dashed = LineCollection(list(edges), colors=INK, linewidths=0.6, linestyles=(0, (4, 2)), zorder=3)
             axes.add_collection(dashed)
         colors = [seams.get(tuple(e), INK) for e in border.points.tolist()]
-        axes.add_collection(LineCollection(list(border.edges - middle + shift), colors=colors, linewidths=1.8))
+        axes.add_collection(
+            LineCollection(list(border.edges - middle + shift), colors=colors, linewidths=1.8)
+        )
         axes.text(shift[0] + (low[0] + high[0]) / 2, low[1] - 0.015, panel.label or panel.name,
                   ha="center", va="top", fontsize=7, color=INK)  # fmt: skip
     note = "filled: refitted, dashed: source" if source is not None else "as read"
@@ -163,7 +165,7 @@ def _seam_colors(garment: GarmentSource, borders: Sequence[Outline]) -> dict[tup
             uses[a, b].append(p)
             panels_at[a].add(p)
             panels_at[b].add(p)
-    palette = colormaps["tab20"].colors
+    palette = colormaps["tab20"](np.arange(20))
     number: dict[tuple[int, ...], int] = {}
     colors = {}
     for (a, b), panels in uses.items():
