@@ -90,11 +90,7 @@ def character_under(
 
 def skinned_meshes(source: Source, root: Usd.Prim) -> list[Usd.Prim]:
     """Meshes with joint weights that are no garments, in stage order."""
-    return [
-        p
-        for p in source.prims(root)
-        if p.IsA(UsdGeom.Mesh) and not is_garment(p) and is_skinned(p)
-    ]
+    return [p for p in source.prims(root) if p.IsA(UsdGeom.Mesh) and not is_garment(p) and is_skinned(p)]
 
 
 def require_same_topology(source: Character, target: Character) -> None:

@@ -48,9 +48,7 @@ def write_rest_shape(
         prim.AddAppliedSchema(schema)
 
 
-def _vertices(
-    garment: GarmentSource, origin: MeshOrigin, uv: Floats
-) -> tuple[Floats, NDArray[np.int64]]:
+def _vertices(garment: GarmentSource, origin: MeshOrigin, uv: Floats) -> tuple[Floats, NDArray[np.int64]]:
     """Distinct (panel, point, position) in order of first use, and their index by corner."""
     points = origin.face_vertex_indices[origin.corner_of_triangle]
     panel = np.broadcast_to(garment.panel_of_triangle[:, None], points.shape)
@@ -63,9 +61,7 @@ def _vertices(
     return uv.reshape(-1, 2)[first[order]], rank[index.ravel()].reshape(-1, 3)
 
 
-def _write_primvar(
-    prim: Usd.Prim, origin: MeshOrigin, values: Floats, index: NDArray[np.int64]
-) -> None:
+def _write_primvar(prim: Usd.Prim, origin: MeshOrigin, values: Floats, index: NDArray[np.int64]) -> None:
     of_corner = np.zeros(len(origin.face_vertex_indices), dtype=np.int64)
     of_corner[origin.corner_of_triangle] = index
     var = UsdGeom.PrimvarsAPI(prim).CreatePrimvar(

@@ -67,7 +67,9 @@ def read_skeleton(source: Source, prim: Usd.Prim) -> SkeletonData:
         raise source.bad(message, prim, "bindTransforms")
     matrices = np.array(bind, dtype=np.float64).transpose(0, 2, 1)
     finite = np.isfinite(matrices).all(axis=(1, 2))
-    broken = np.flatnonzero(~finite | (np.abs(np.linalg.det(np.where(finite[:, None, None], matrices, 0.0))) < 1e-30))
+    broken = np.flatnonzero(
+        ~finite | (np.abs(np.linalg.det(np.where(finite[:, None, None], matrices, 0.0))) < 1e-30)
+    )
     if len(broken):
         raise source.bad("the transform cannot be inverted", prim, "bindTransforms", broken[0])
     world = source.world_from_local(prim)

@@ -104,7 +104,7 @@ class _Writer:
         layer = Sdf.Layer.CreateAnonymous("garments.usdc")
         stage = Usd.Stage.Open(layer)
         scope = Sdf.Path.absoluteRootPath.AppendChild(self.scope_name)
-        stage.DefinePrim(scope, "Scope")
+        stage.DefinePrim(scope, "SkelRoot")  # valid by itself; the root layer says what it is there
         stage.SetDefaultPrim(stage.GetPrimAtPath(scope))
         UsdGeom.SetStageUpAxis(stage, self.place.frame.up_axis)
         UsdGeom.SetStageMetersPerUnit(stage, self.place.frame.meters_per_unit)
@@ -126,7 +126,12 @@ class _Writer:
         return layer
 
     def root(
-        self, outfit: Outfit, dressed: Sequence[DressedGarment], arrays: str, passed: bool, broken: Sequence[str]
+        self,
+        outfit: Outfit,
+        dressed: Sequence[DressedGarment],
+        arrays: str,
+        passed: bool,
+        broken: Sequence[str],
     ) -> Sdf.Layer:
         """The layer that is opened: references and everything that is small."""
         layer = Sdf.Layer.CreateAnonymous(f"root{self.target.suffix}")

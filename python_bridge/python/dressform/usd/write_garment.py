@@ -48,7 +48,9 @@ class Placement:
         self.skeleton_from_root = np.linalg.inv(world_from_skeleton) @ self.world_from_root
 
 
-def copy_mesh(source: Source, flat: Sdf.Layer, garment: GarmentSource, layer: Sdf.Layer, path: Sdf.Path) -> None:
+def copy_mesh(
+    source: Source, flat: Sdf.Layer, garment: GarmentSource, layer: Sdf.Layer, path: Sdf.Path
+) -> None:
     """Copies the garment's mesh and subsets, without what belongs to its old surroundings."""
     Sdf.CopySpec(flat, Sdf.Path(garment.path), layer, path)
     spec = layer.GetPrimAtPath(path)
@@ -142,7 +144,9 @@ def _set_shape(mesh: UsdGeom.Mesh, origin: MeshOrigin, local: np.ndarray) -> Non
         attribute.Set(value)
 
 
-def _set_orientation(original: UsdGeom.Mesh, mesh: UsdGeom.Mesh, origin: MeshOrigin, place: Placement) -> bool:
+def _set_orientation(
+    original: UsdGeom.Mesh, mesh: UsdGeom.Mesh, origin: MeshOrigin, place: Placement
+) -> bool:
     """Keeps outward faces outward where a mirroring transform is lost or won; True if corners of
     our triangles run against the written winding's right hand."""
     tokens = UsdGeom.Tokens
@@ -155,7 +159,12 @@ def _set_orientation(original: UsdGeom.Mesh, mesh: UsdGeom.Mesh, origin: MeshOri
 
 
 def _set_normals(
-    source: Source, original: Usd.Prim, mesh: UsdGeom.Mesh, garment: GarmentSource, local: Floats, mirrored: bool
+    source: Source,
+    original: Usd.Prim,
+    mesh: UsdGeom.Mesh,
+    garment: GarmentSource,
+    local: Floats,
+    mirrored: bool,
 ) -> None:
     """New normals where the source had some, or where nothing else would smooth the surface."""
     was = UsdGeom.Mesh(original)
@@ -214,4 +223,3 @@ def _shaped(array: Floats, shape: tuple[int, ...], garment: GarmentSource, what:
     if not np.isfinite(array).all():
         raise ValueError(f"{garment.name}: {what} are not all finite")
     return array
-
