@@ -7,7 +7,9 @@ SHELL := /bin/bash
 .DELETE_ON_ERROR:
 MAKEFLAGS += --no-print-directory
 
-PYTHON ?= $(shell command -v python3.13 python3.12 python3.11 python3 | head -1)
+# The first Python that starts and is new enough.
+PYTHON ?= $(shell for p in python3 python3.14 python3.13 python3.12 python3.11; do \
+	$$p -c 'import sys; sys.exit(sys.version_info < (3, 11))' 2> /dev/null && echo $$p && break; done)
 VENV := .venv
 BIN := $(VENV)/bin
 OUT ?= out
@@ -51,9 +53,7 @@ $(OUT)/%.png: $(OUT)/%.usda $(VENV)/.test-packages
 setup: $(VENV)/.built ## Build the package and install it into .venv.
 
 $(VENV)/.created:
-	@test -n "$(PYTHON)" || { echo "Python 3.11 or newer is needed" >&2; exit 2; }
-	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' \
-		|| { echo "Python 3.11 or newer is needed: make PYTHON=/path/to/python3" >&2; exit 2; }
+	@test -n "$(PYTHON)" || { echo "Python 3.11 or newer is needed: make PYTHON=/path/to/it" >&2; exit 2; }
 	@command -v cargo > /dev/null || { echo "Rust is needed (cargo was not found)" >&2; exit 2; }
 	$(PYTHON) -m venv $(VENV)
 	@touch $@
