@@ -24,3 +24,8 @@ pub mod pipeline;
 pub mod rig;
 pub mod solve;
 pub mod transfer;
+
+/// Every kernel of the crate, for the tests that validate shaders and compare twins.
+pub fn kernels() -> Vec<&'static device::Kernel> {
+    [solve::vector::KERNELS, solve::cg::KERNELS, solve::bsr::KERNELS].concat()
+}

@@ -3,6 +3,7 @@
 
 use dressform::device::DeviceError;
 use dressform::model::SourceError;
+use dressform::{drape, pattern, pipeline, transfer};
 use pyo3::PyErr;
 
 mod class {
@@ -43,9 +44,23 @@ pub fn device(error: DeviceError) -> PyErr {
         | DeviceError::Lost(_)
         | DeviceError::OutOfMemory(_)
         | DeviceError::TooLarge { .. } => class::NoDevice::new_err(message),
-        DeviceError::Length { .. }
-        | DeviceError::Bindings { .. }
-        | DeviceError::Aliased { .. }
-        | DeviceError::Rejected(_) => internal(message),
+        _ => internal(message), // a wrong call of ours
+    }
+}
+
+/// A fit that could not be made: the device, the settings or the input; numerics that failed on
+/// input which passed every check are a fault of ours.
+pub fn pipeline(error: pipeline::Error) -> PyErr {
+    let message = error.to_string();
+    match error {
+        pipeline::Error::Transfer(transfer::Error::Device(e)) => device(e),
+        pipeline::Error::Drape { error: drape::Error::Device(e), .. } => device(e),
+        pipeline::Error::Transfer(transfer::Error::Setting { .. })
+        | pipeline::Error::Pattern { error: pattern::Error::Setting { .. }, .. }
+        | pipeline::Error::Drape { error: drape::Error::Setting { .. }, .. } => {
+            class::BadSettings::new_err(message)
+        }
+        pipeline::Error::Pattern { error: pattern::Error::Solve(_), .. } => internal(message),
+        _ => input(message),
     }
 }

@@ -100,11 +100,6 @@ fn last_panic() -> String {
     }
 }
 
-/// Adapters and the CPU, as `--device` can name them.
-pub fn devices() -> Vec<DeviceInfo> {
-    vec![Device::cpu().info()]
-}
-
 /// `{"kind": ..., "name": ...}`.
 pub fn device_dict<'py>(py: Python<'py>, info: &DeviceInfo) -> PyResult<Bound<'py, PyDict>> {
     let dict = PyDict::new(py);

@@ -1,12 +1,13 @@
 //! Python bindings of the dressform core: the module `dressform._native`.
 //!
 //! The core knows no Python. This crate checks shapes ([`read`]), runs the core without the
-//! interpreter ([`job`]) and maps every typed error to a Python exception ([`errors`]).
-//! Nothing else lives here.
+//! interpreter ([`job`]) and maps every typed error to a Python exception ([`errors`]); [`fit`]
+//! puts them together. Nothing else lives here.
 
 use pyo3::prelude::*;
 
 mod errors;
+mod fit;
 mod job;
 mod read;
 
@@ -19,17 +20,30 @@ mod _native {
 
     use crate::{errors, job, read};
 
+    #[pymodule_export]
+    use crate::fit::{default_settings_json, fit};
+
     #[pymodule_init]
     fn init(module: &Bound<'_, PyModule>) -> PyResult<()> {
         job::quiet_panics();
         module.add("version", env!("CARGO_PKG_VERSION"))
     }
 
-    /// Device names that `--device` takes here: a list of `{"kind", "name"}`.
+    /// What `--device` can name here: `cpu`, then adapters by a part of their name.
     #[pyfunction]
     fn devices(py: Python<'_>) -> PyResult<Vec<Bound<'_, PyDict>>> {
-        let infos = py.detach(job::devices);
-        infos.iter().map(|info| job::device_dict(py, info)).collect()
+        let (cpu, adapters) = py.detach(|| (Device::cpu().info(), Device::list()));
+        let mut found = vec![job::device_dict(py, &cpu)?];
+        for adapter in &adapters {
+            let dict = PyDict::new(py);
+            dict.set_item("kind", adapter.kind)?;
+            dict.set_item("name", &adapter.name)?;
+            dict.set_item("driver", &adapter.driver)?;
+            dict.set_item("usable", adapter.usable)?;
+            dict.set_item("reason", &adapter.reason)?;
+            found.push(dict);
+        }
+        Ok(found)
     }
 
     /// Opens a device by its name on the command line and says what it is.

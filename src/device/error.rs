@@ -4,7 +4,7 @@ use thiserror::Error;
 
 /// A device's failure.
 #[derive(Clone, Debug, Error, PartialEq, Eq)]
-#[expect(missing_docs, reason = "the messages name the fields")]
+#[allow(missing_docs, reason = "the messages say what the fields are")]
 pub enum DeviceError {
     /// No adapter fits the choice.
     #[error("no adapter for '{wanted}' (found: {})", if found.is_empty() { "none".to_owned() } else { found.join(", ") })]
@@ -27,6 +27,9 @@ pub enum DeviceError {
     /// A kernel was given the wrong number of buffers.
     #[error("kernel '{kernel}' takes {expected} buffers, {found} given")]
     Bindings { kernel: &'static str, found: usize, expected: usize },
+    /// A buffer of another device was given.
+    #[error("buffer '{label}' belongs to another device")]
+    Foreign { label: &'static str },
     /// A buffer was bound twice, once to be written.
     #[error("kernel '{kernel}': buffer '{label}' is bound twice while written")]
     Aliased { kernel: &'static str, label: &'static str },

@@ -20,6 +20,10 @@ impl HostBuffer {
         HostBuffer { words: RwLock::new(words), bytes: data.len() }
     }
 
+    pub fn zeros(bytes: usize) -> Self {
+        HostBuffer { words: RwLock::new(vec![0u128; bytes.div_ceil(size_of::<u128>())]), bytes }
+    }
+
     pub fn write(&self, data: &[u8]) {
         let mut words = self.words.write().unwrap_or_else(|e| e.into_inner());
         bytemuck::cast_slice_mut::<_, u8>(&mut words)[..data.len()].copy_from_slice(data);
@@ -92,7 +96,9 @@ pub(super) fn run(
 ) -> Result<(), DeviceError> {
     let mut guards = Vec::with_capacity(bindings.len());
     for (binding, access) in bindings.iter().zip(kernel.access) {
-        let Storage::Host(buffer) = binding.storage;
+        let Storage::Host(buffer) = binding.storage else {
+            return Err(DeviceError::Foreign { label: binding.label });
+        };
         let aliased = || DeviceError::Aliased { kernel: kernel.name, label: binding.label };
         guards.push(match access {
             Access::Read => match buffer.words.try_read() {

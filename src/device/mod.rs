@@ -14,10 +14,13 @@
 //!   is `gid.x + gid.y * (num_workgroups.x * WORKGROUP)`, and indices at or past
 //!   the number of invocations (the parameters say it) return at once.
 
+mod adapter;
 mod error;
+mod gpu;
 mod host;
 mod kernel;
 
+pub use adapter::AdapterInfo;
 pub use error::DeviceError;
 pub use host::HostArgs;
 pub use kernel::{Access, Kernel, WORKGROUP};
@@ -63,6 +66,12 @@ pub struct DeviceInfo {
     pub kind: &'static str,
     /// The adapter's name.
     pub name: String,
+    /// The adapter's driver and its version, for a GPU.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub driver: Option<String>,
+    /// Why it is not what one might have expected: what `auto` passed over.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub note: Option<String>,
 }
 
 /// Where kernels run.
@@ -73,7 +82,8 @@ pub struct Device {
 
 #[derive(Debug)]
 enum Inner {
-    Cpu,
+    Cpu { note: Option<String> },
+    Gpu(Box<gpu::Gpu>),
 }
 
 /// A typed array on a device, of a length that is fixed when it is made.
@@ -88,6 +98,7 @@ pub struct Buffer<T> {
 #[derive(Debug)]
 enum Storage {
     Host(host::HostBuffer),
+    Gpu(wgpu::Buffer),
 }
 
 /// A [`Buffer`] of any element type, as [`Device::run`] takes it.
@@ -124,28 +135,39 @@ impl<T> Buffer<T> {
 impl Device {
     /// The native CPU.
     pub fn cpu() -> Device {
-        Device { inner: Inner::Cpu }
+        Device { inner: Inner::Cpu { note: None } }
     }
 
-    /// Opens a device.
+    /// Opens a device. `Auto` never fails: where no hardware GPU opens it is the CPU, and
+    /// [`DeviceInfo::note`] says why.
     ///
     /// # Errors
     /// No adapter that fits the choice, or one that is refused (see [`DeviceError`]).
     pub fn open(choice: &DeviceChoice) -> Result<Device, DeviceError> {
-        match choice {
-            DeviceChoice::Auto | DeviceChoice::Cpu => Ok(Device::cpu()),
-            DeviceChoice::Gpu => Err(DeviceError::NoAdapter { wanted: "gpu".to_owned(), found: Vec::new() }),
-            DeviceChoice::Named(name) => {
-                Err(DeviceError::NoAdapter { wanted: name.clone(), found: Vec::new() })
-            }
+        if *choice == DeviceChoice::Cpu {
+            return Ok(Device::cpu());
         }
+        Ok(match adapter::open(choice)? {
+            Ok(gpu) => Device { inner: Inner::Gpu(Box::new(gpu)) },
+            Err(note) => Device { inner: Inner::Cpu { note: Some(note) } },
+        })
+    }
+
+    /// All GPU adapters of this machine, usable or not, best first.
+    pub fn list() -> Vec<AdapterInfo> {
+        adapter::list()
     }
 
     /// What this device is.
     pub fn info(&self) -> DeviceInfo {
         match &self.inner {
-            Inner::Cpu => {
-                DeviceInfo { kind: "cpu", name: format!("{} threads", rayon::current_num_threads()) }
+            Inner::Cpu { note } => {
+                let name = format!("{} threads", rayon::current_num_threads());
+                DeviceInfo { kind: "cpu", name, driver: None, note: note.clone() }
+            }
+            Inner::Gpu(gpu) => {
+                let (name, driver) = (gpu.info.name.clone(), Some(gpu.info.driver.clone()));
+                DeviceInfo { kind: "gpu", name, driver, note: None }
             }
         }
     }
@@ -155,8 +177,10 @@ impl Device {
     /// # Errors
     /// Too large for the device, or the device is out of memory or lost.
     pub fn upload<T: Pod>(&self, label: &'static str, data: &[T]) -> Result<Buffer<T>, DeviceError> {
+        let bytes = bytemuck::cast_slice(data);
         let storage = match &self.inner {
-            Inner::Cpu => Storage::Host(host::HostBuffer::new(bytemuck::cast_slice(data))),
+            Inner::Cpu { .. } => Storage::Host(host::HostBuffer::new(bytes)),
+            Inner::Gpu(gpu) => Storage::Gpu(gpu.buffer(label, bytes.len(), Some(bytes))?),
         };
         Ok(Buffer { storage, len: data.len(), label, element: PhantomData })
     }
@@ -166,10 +190,15 @@ impl Device {
     /// # Errors
     /// As [`Device::upload`].
     pub fn zeros<T: Pod>(&self, label: &'static str, len: usize) -> Result<Buffer<T>, DeviceError> {
-        self.upload(label, &vec![T::zeroed(); len])
+        let bytes = len * size_of::<T>();
+        let storage = match &self.inner {
+            Inner::Cpu { .. } => Storage::Host(host::HostBuffer::zeros(bytes)),
+            Inner::Gpu(gpu) => Storage::Gpu(gpu.buffer(label, bytes, None)?),
+        };
+        Ok(Buffer { storage, len, label, element: PhantomData })
     }
 
-    /// Overwrites the whole buffer.
+    /// Overwrites the whole buffer, after the kernels that were run before.
     ///
     /// # Errors
     /// `data` has another length than the buffer, or the device is lost.
@@ -177,8 +206,11 @@ impl Device {
         if data.len() != buffer.len {
             return Err(DeviceError::Length { label: buffer.label, found: data.len(), expected: buffer.len });
         }
-        match &buffer.storage {
-            Storage::Host(host) => host.write(bytemuck::cast_slice(data)),
+        let bytes = bytemuck::cast_slice(data);
+        match (&self.inner, &buffer.storage) {
+            (Inner::Cpu { .. }, Storage::Host(host)) => host.write(bytes),
+            (Inner::Gpu(gpu), Storage::Gpu(buffer)) => gpu.write(buffer, bytes)?,
+            _ => return Err(DeviceError::Foreign { label: buffer.label }),
         }
         Ok(())
     }
@@ -188,8 +220,14 @@ impl Device {
     /// # Errors
     /// The device is lost.
     pub fn read<T: Pod>(&self, buffer: &Buffer<T>) -> Result<Vec<T>, DeviceError> {
-        match &buffer.storage {
-            Storage::Host(host) => Ok(host.read()),
+        match (&self.inner, &buffer.storage) {
+            (Inner::Cpu { .. }, Storage::Host(host)) => Ok(host.read()),
+            (Inner::Gpu(gpu), Storage::Gpu(storage)) => {
+                let mut out = vec![T::zeroed(); buffer.len];
+                gpu.read(storage, &mut out)?;
+                Ok(out)
+            }
+            _ => Err(DeviceError::Foreign { label: buffer.label }),
         }
     }
 
@@ -201,15 +239,18 @@ impl Device {
         if from.len != to.len {
             return Err(DeviceError::Length { label: to.label, found: from.len, expected: to.len });
         }
-        match (&from.storage, &to.storage) {
-            (Storage::Host(from), Storage::Host(to)) => to.copy_from(from),
+        match (&self.inner, &from.storage, &to.storage) {
+            (Inner::Cpu { .. }, Storage::Host(from), Storage::Host(to)) => to.copy_from(from),
+            (Inner::Gpu(gpu), Storage::Gpu(from), Storage::Gpu(to)) => gpu.copy(from, to)?,
+            _ => return Err(DeviceError::Foreign { label: to.label }),
         }
         Ok(())
     }
 
     /// Runs `invocations` of a kernel over `buffers`, in the order of [`Kernel::access`].
     ///
-    /// Runs are ordered: each sees what the ones before it wrote.
+    /// Runs are ordered: each sees what the ones before it wrote. A GPU may only record
+    /// them until something is read, so a fault may be told by a later call.
     ///
     /// # Errors
     /// The number of buffers is wrong, one buffer is bound twice while written, or the device
@@ -232,8 +273,29 @@ impl Device {
             return Ok(());
         }
         let bindings: Vec<Binding<'_>> = buffers.iter().map(|b| b.binding()).collect();
+        let params = bytemuck::bytes_of(params);
         match &self.inner {
-            Inner::Cpu => host::run(kernel, invocations, bytemuck::bytes_of(params), &bindings),
+            Inner::Cpu { .. } => host::run(kernel, invocations, params, &bindings),
+            Inner::Gpu(gpu) => gpu.run(kernel, invocations, params, &bindings),
+        }
+    }
+
+    /// Waits until everything that was run is done, for measurements.
+    ///
+    /// # Errors
+    /// The device is lost, or a run failed.
+    pub fn finish(&self) -> Result<(), DeviceError> {
+        match &self.inner {
+            Inner::Cpu { .. } => Ok(()),
+            Inner::Gpu(gpu) => gpu.finish(),
+        }
+    }
+
+    /// Breaks a GPU device, as a driver's crash would, for tests of what comes after.
+    #[doc(hidden)]
+    pub fn lose(&self) {
+        if let Inner::Gpu(gpu) = &self.inner {
+            gpu.lose();
         }
     }
 }
