@@ -12,7 +12,7 @@ use std::sync::{Arc, Mutex};
 use std::thread;
 use std::time::Duration;
 
-use dressform::device::{Device, DeviceInfo};
+use dressform::device::DeviceInfo;
 use dressform::model::Garment;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;

@@ -62,7 +62,7 @@ def find(name: str, folder: Path) -> Item:
     )
     for file in files:
         text = file.read_text()
-        head = rf"((?:^[ \t]*///.*\n)*)((?:^#\[.*\]\n)*)^pub (struct|enum) {name} \{{\n(.*?)^\}}"
+        head = rf"((?:^///[^\n]*\n)*)((?:^#\[[^\n]*\]\n)*)^pub (struct|enum) {name} \{{\n(.*?)^\}}"
         if found := re.search(head, text, re.M | re.S):
             snake = "snake_case" in found[2] or "lowercase" in found[2]
             members = _members(found[4], struct=found[3] == "struct", snake=snake)
