@@ -93,6 +93,26 @@ fn commands_keep_their_order() {
 }
 
 #[test]
+fn dropped_buffers_do_not_come_back() {
+    // Bindings are kept for the next run; they must not be another buffer's.
+    for device in common::devices("dropped_buffers_do_not_come_back") {
+        let kept = device.upload("kept", &[1u32; 64]).expect("upload");
+        for turn in 0..100u32 {
+            let y = device.upload("y", &[turn; 64]).expect("upload");
+            for _ in 0..2 {
+                device.run(&AFFINE, 64, &[64u32, 2, 0, 0], &[&y]).expect("run");
+                device.run(&AFFINE, 64, &[64u32, 3, 0, 0], &[&kept]).expect("run");
+            }
+            if turn % 3 > 0 {
+                assert_eq!(device.read(&y).expect("read"), [4 * turn; 64]);
+            }
+        }
+        let expected = (0..200).fold(1u32, |y, _| y.wrapping_mul(3));
+        assert_eq!(device.read(&kept).expect("read"), [expected; 64]);
+    }
+}
+
+#[test]
 fn dispatches_past_one_dimension_reach_every_element() {
     let Some(device) = common::gpu("dispatches_past_one_dimension_reach_every_element") else { return };
     let n = 65_535 * 64 + 1000;

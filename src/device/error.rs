@@ -4,7 +4,7 @@ use thiserror::Error;
 
 /// A device's failure.
 #[derive(Clone, Debug, Error, PartialEq, Eq)]
-#[allow(missing_docs, reason = "the messages say what the fields are")]
+#[expect(missing_docs, reason = "the messages name the fields")]
 pub enum DeviceError {
     /// No adapter fits the choice.
     #[error("no adapter for '{wanted}' (found: {})", if found.is_empty() { "none".to_owned() } else { found.join(", ") })]

@@ -98,7 +98,7 @@ pub struct Buffer<T> {
 #[derive(Debug)]
 enum Storage {
     Host(host::HostBuffer),
-    Gpu(wgpu::Buffer),
+    Gpu(gpu::GpuBuffer),
 }
 
 /// A [`Buffer`] of any element type, as [`Device::run`] takes it.
@@ -209,7 +209,7 @@ impl Device {
         let bytes = bytemuck::cast_slice(data);
         match (&self.inner, &buffer.storage) {
             (Inner::Cpu { .. }, Storage::Host(host)) => host.write(bytes),
-            (Inner::Gpu(gpu), Storage::Gpu(buffer)) => gpu.write(buffer, bytes)?,
+            (Inner::Gpu(gpu), Storage::Gpu(buffer)) => gpu.write(&buffer.raw, bytes)?,
             _ => return Err(DeviceError::Foreign { label: buffer.label }),
         }
         Ok(())
@@ -224,7 +224,7 @@ impl Device {
             (Inner::Cpu { .. }, Storage::Host(host)) => Ok(host.read()),
             (Inner::Gpu(gpu), Storage::Gpu(storage)) => {
                 let mut out = vec![T::zeroed(); buffer.len];
-                gpu.read(storage, &mut out)?;
+                gpu.read(&storage.raw, &mut out)?;
                 Ok(out)
             }
             _ => Err(DeviceError::Foreign { label: buffer.label }),
@@ -241,7 +241,7 @@ impl Device {
         }
         match (&self.inner, &from.storage, &to.storage) {
             (Inner::Cpu { .. }, Storage::Host(from), Storage::Host(to)) => to.copy_from(from),
-            (Inner::Gpu(gpu), Storage::Gpu(from), Storage::Gpu(to)) => gpu.copy(from, to)?,
+            (Inner::Gpu(gpu), Storage::Gpu(from), Storage::Gpu(to)) => gpu.copy(&from.raw, &to.raw)?,
             _ => return Err(DeviceError::Foreign { label: to.label }),
         }
         Ok(())

@@ -1,1 +1,29 @@
-//! geometry
+//! Questions about surfaces that several stages ask: closest point, inside or outside,
+//! which triangles cross.
+//!
+//! - [`Surface`]: a triangle mesh with a bounding volume hierarchy. Closest points and rays go
+//!   through parry's tree, best candidates first; winding numbers and box queries, and the
+//!   device's twins, go through the same tree flattened ([`bvh`]).
+//! - [`winding`]: hierarchical winding numbers [Barill 2018], which tell inside from outside
+//!   also for surfaces with holes [Jacobson 2013].
+//! - [`bulk`]: winding numbers and closest points of many queries at once, on a device.
+//! - [`intersect`]: exact triangle-triangle tests.
+//! - [`sdf`]: the narrow-band signed distance of paper section 5.1.
+//! - [`skin`]: the part of a body that something outside can touch.
+//!
+//! Everything but [`bulk`] is `f64`, and all is deterministic: results do not depend on the
+//! number of threads.
+
+pub mod bulk;
+pub mod bvh;
+pub mod intersect;
+pub mod sdf;
+pub mod skin;
+pub mod surface;
+pub mod triangle;
+pub mod winding;
+
+pub use bvh::Node;
+pub use skin::{outer_skin, submesh};
+pub use surface::{Closest, Hit, Surface};
+pub use winding::Moments;

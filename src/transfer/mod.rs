@@ -1,1 +1,354 @@
-//! transfer
+//! Carrying garments to a new body (paper section 4.1, 3D Mesh Transfer).
+//!
+//! The displacement that takes the source body to the target is spread through the space
+//! around it as a slow, viscous, weakly compressible flow, and the garment drifts along:
+//!
+//! ```text
+//! -div(nu D(u)) + grad p = 0                            around the body
+//! -min(0, det(I + grad u) - 1) - gamma p = 0            compression is resisted, growth is not
+//! u = u_body                                            on the body, by a penalty beta
+//! ```
+//!
+//! Trilinear displacement and one pressure per cell, on a sparse regular grid in a narrow
+//! band around the body ([`activity`], [`domain`], [`element`]). Eliminating the pressure
+//! leaves `A + B^T (gamma M_p)^-1 B` ([`stencil`]), which conjugate gradients invert in a
+//! fixed-point loop over the nonlinear volume term ([`field`], [`volume`]). The boundary
+//! condition is weak, by closest-point quadrature ([`boundary`]); so the moved body misses
+//! its target by a little, and an *outer* loop starts again from where it came to, until
+//! the gap is closed.
+//!
+//! # Scales
+//! With `h` the side of a cell, only `nu gamma` (the volume's stiffness against shear) and
+//! `beta h^2 / nu` (the boundary's against viscosity) matter: `nu` = 100 and `gamma` = 0.01
+//! give a ratio of 1, `beta` = 1e6 at 2 cm gives 4.
+//!
+//! # What differs from the paper
+//! - Momentum is `-div(nu D(u)) + grad p`; the printed form lacks the divergence.
+//! - The best rigid motion is taken out first ([`align`]).
+//! - Cells deep inside the body have no volume term: a shrinking body is not resisted.
+//! - The band depends on the body pair alone, and so does the number of outer loops. A
+//!   garment that reaches beyond is given cells of its own ([`extension`]), so its result
+//!   does not change with its outfit-mates.
+//! - The penalty grows after the first outer iteration, and each has its lattice shifted: both
+//!   close the last of the gap sooner (see [`Params::stiffening`]).
+//! - The bias starts anew in every outer loop, so compression that was accepted before is
+//!   forgotten. The *composed* map's deformation gradient is therefore carried along with
+//!   each garment vertex, and its smallest determinant is reported.
+//! - Only the body's outer skin is a boundary: eyes, teeth and tongue are left out.
+
+pub mod activity;
+pub mod align;
+pub mod boundary;
+pub mod domain;
+pub mod element;
+pub mod extension;
+pub mod field;
+pub mod gap;
+mod outer;
+pub mod stencil;
+#[cfg(test)]
+mod tests;
+pub mod volume;
+
+use serde::{Deserialize, Serialize};
+use thiserror::Error;
+
+use crate::device::{Device, DeviceError, Kernel};
+use crate::model::{TriMesh, Vec3};
+use field::InnerInfo;
+
+/// All kernels of this module, for the tests that validate WGSL.
+pub const KERNELS: &[&Kernel] = &[&stencil::STENCIL, &volume::PRESSURE, &volume::RESIDUAL];
+
+/// Settings of the transfer.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Params {
+    /// Side of a grid cell [m].
+    pub cell: f64,
+    /// Width of the narrow band outside of the body [m]; at least two cells.
+    pub band: f64,
+    /// Viscosity; its unit is that of `1 / gamma`.
+    pub nu: f64,
+    /// Compliance of the volume term.
+    pub gamma: f64,
+    /// Penalty of the boundary condition, over `nu`'s unit [1/m^2].
+    pub beta: f64,
+    /// Factor on `beta` from the second outer iteration on. The first carries the garments
+    /// nearly all of the way with a soft boundary; a stiff one would hold the field flat
+    /// through the whole of the cut cells. The small rest is closed sooner with a stiff one.
+    pub stiffening: f64,
+    /// Boundary quadrature points along each axis of a cut cell.
+    pub quadrature: usize,
+    /// Most iterations of the inner loop.
+    pub inner_iterations: usize,
+    /// The inner loop ends when no node moves farther than this [m].
+    pub inner_tolerance: f64,
+    /// Tolerance of a linear solve, relative to its own right-hand side.
+    pub cg_tolerance: f64,
+    /// Most iterations of a linear solve.
+    pub cg_iterations: usize,
+    /// Most iterations of the outer loop.
+    pub outer_iterations: usize,
+    /// The outer loop ends when the 99th percentile of the outer skin's gap is below [m].
+    pub gap_p99: f64,
+    /// The 99th percentile of the gap near garments up to which the transfer counts as
+    /// converged [m].
+    pub gap_accepted: f64,
+    /// Skin within this distance of a garment counts for the garment's gap [m].
+    pub near: f64,
+}
+
+impl Default for Params {
+    fn default() -> Self {
+        Params {
+            cell: 0.02,
+            band: 0.12,
+            nu: 100.0,
+            gamma: 0.01,
+            beta: 1e6,
+            stiffening: 10.0,
+            quadrature: 2,
+            inner_iterations: 30,
+            inner_tolerance: 1e-4,
+            cg_tolerance: 1e-1,
+            cg_iterations: 2000,
+            outer_iterations: 10,
+            gap_p99: 1e-3,
+            gap_accepted: 2e-3,
+            near: 0.08,
+        }
+    }
+}
+
+/// What is carried where.
+#[derive(Clone, Debug)]
+pub struct Input<'a> {
+    /// The body that the garments were made on.
+    pub source: &'a TriMesh,
+    /// The body to dress: for each source point, the point that it goes to.
+    pub target: &'a TriMesh,
+    /// Points of each garment on the source body [m].
+    pub garments: Vec<&'a [Vec3]>,
+}
+
+/// Why the outer loop ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Stop {
+    /// The gap is closed.
+    Reached,
+    /// A further outer loop did not bring the body nearer.
+    Stalled,
+    /// The most outer iterations were made.
+    Limit,
+}
+
+/// What the transfer of one garment achieved; gaps are measured on the outer skin within
+/// [`Params::near`] of any garment and weighted by area.
+#[derive(Clone, Debug, Serialize)]
+pub struct Info {
+    /// Largest gap [m].
+    pub gap_max_m: f64,
+    /// 99th percentile of the gap [m].
+    pub gap_p99_m: f64,
+    /// Mean gap [m].
+    pub gap_mean_m: f64,
+    /// 99th percentile of the gap over the whole body, inner parts included [m].
+    pub body_gap_p99_m: f64,
+    /// 99th percentile of the gap over the outer skin, which ends the outer loop [m].
+    pub skin_gap_p99_m: f64,
+    /// Active cells in the last outer iteration, the garment's extension included.
+    pub active_cells: usize,
+    /// Outer iterations.
+    pub outer_iterations: usize,
+    /// Conjugate gradient iterations in all, the garment's extensions included.
+    pub cg_iterations: usize,
+    /// Whether the gap is accepted and every inner loop converged.
+    pub converged: bool,
+    /// Why the outer loop ended.
+    pub stop: Stop,
+    /// Smallest determinant of the composed map's gradient over the garment's points.
+    pub determinant_min: f64,
+    /// Points of the garment inside the target body.
+    pub points_inside: usize,
+    /// 99th percentile of the outer skin's gap after each outer iteration [m].
+    pub skin_gaps_p99_m: Vec<f64>,
+    /// The inner loop of each outer iteration, in the band.
+    pub inner: Vec<InnerInfo>,
+}
+
+/// The garments on the target body.
+#[derive(Clone, Debug)]
+pub struct Output {
+    /// Points of each garment [m].
+    pub garments: Vec<Vec<Vec3>>,
+    /// The moved source body [m].
+    pub body: Vec<Vec3>,
+    /// What was achieved, per garment.
+    pub infos: Vec<Info>,
+}
+
+/// Why a transfer could not be made.
+#[derive(Clone, Debug, Error, PartialEq)]
+pub enum Error {
+    /// The bodies do not correspond.
+    #[error("the target body has {target} points, the source body {source_points}")]
+    Topology {
+        /// Points of the source body.
+        source_points: usize,
+        /// Points of the target body.
+        target: usize,
+    },
+    /// A body without triangles.
+    #[error("the source body has no triangles")]
+    Empty,
+    /// A triangle of the body names a point that is not there.
+    #[error("triangle {element} of the source body names point {index} of {count}")]
+    Index {
+        /// The triangle.
+        element: usize,
+        /// The point it names.
+        index: u32,
+        /// Number of points.
+        count: usize,
+    },
+    /// A coordinate is not finite.
+    #[error("{what}, point {element}: not a finite number")]
+    NotFinite {
+        /// Which mesh.
+        what: String,
+        /// The point.
+        element: usize,
+    },
+    /// A setting is out of range.
+    #[error("transfer setting {name} is {value}: {expected}")]
+    Setting {
+        /// The setting.
+        name: &'static str,
+        /// Its value.
+        value: f64,
+        /// What it has to be.
+        expected: &'static str,
+    },
+    /// A body of absurd size for the cell.
+    #[error("the body needs {0:.0} x {1:.0} x {2:.0} grid cells: check its units or the cell size", cells[0], cells[1], cells[2])]
+    TooLarge {
+        /// Cells along each axis.
+        cells: [f64; 3],
+    },
+    /// A garment's point is far from the body.
+    #[error("{what}, point {element}: {distance:.3} m from the body, more than {reach:.3} m")]
+    FarPoint {
+        /// Which mesh.
+        what: String,
+        /// The point.
+        element: usize,
+        /// Its distance [m].
+        distance: f64,
+        /// The largest distance accepted [m].
+        reach: f64,
+    },
+    /// The field blew up.
+    #[error("the transfer field of outer iteration {outer} is not finite")]
+    Diverged {
+        /// The outer iteration, from 1.
+        outer: usize,
+    },
+    /// The device failed.
+    #[error(transparent)]
+    Device(#[from] DeviceError),
+}
+
+impl Error {
+    /// The same error, with the name of the mesh that it is about.
+    fn within(mut self, name: &str) -> Error {
+        if let Error::FarPoint { what, .. } = &mut self {
+            name.clone_into(what);
+        }
+        self
+    }
+}
+
+impl From<domain::TooLarge> for Error {
+    fn from(e: domain::TooLarge) -> Self {
+        Error::TooLarge { cells: e.cells }
+    }
+}
+
+/// Carries garments from the source body to the target.
+///
+/// # Errors
+/// Input that does not fit together, settings out of range, or a device's failure. A gap
+/// that could not be closed is no error: [`Info::converged`] says it.
+pub fn run(device: &Device, input: &Input<'_>, params: &Params) -> Result<Output, Error> {
+    params.validate()?;
+    input.validate()?;
+    outer::run(device, input, params)
+}
+
+impl Params {
+    fn validate(&self) -> Result<(), Error> {
+        let positive = [
+            ("cell", self.cell),
+            ("nu", self.nu),
+            ("gamma", self.gamma),
+            ("beta", self.beta),
+            ("stiffening", self.stiffening),
+            ("inner_tolerance", self.inner_tolerance),
+            ("cg_tolerance", self.cg_tolerance),
+            ("gap_p99", self.gap_p99),
+            ("gap_accepted", self.gap_accepted),
+            ("near", self.near),
+            ("quadrature", self.quadrature as f64),
+            ("inner_iterations", self.inner_iterations as f64),
+            ("cg_iterations", self.cg_iterations as f64),
+            ("outer_iterations", self.outer_iterations as f64),
+        ];
+        for (name, value) in positive {
+            if !(value > 0.0 && value.is_finite()) {
+                return Err(Error::Setting { name, value, expected: "must be positive" });
+            }
+        }
+        if !(self.band >= 2.0 * self.cell && self.band.is_finite()) {
+            return Err(Error::Setting { name: "band", value: self.band, expected: "at least two cells" });
+        }
+        if self.quadrature > 8 {
+            let value = self.quadrature as f64;
+            return Err(Error::Setting { name: "quadrature", value, expected: "at most 8" });
+        }
+        Ok(())
+    }
+}
+
+impl Input<'_> {
+    fn validate(&self) -> Result<(), Error> {
+        let (source, target) = (self.source, self.target);
+        if source.points.len() != target.points.len() {
+            let (source_points, target) = (source.points.len(), target.points.len());
+            return Err(Error::Topology { source_points, target });
+        }
+        if source.triangles.is_empty() {
+            return Err(Error::Empty);
+        }
+        let count = source.points.len();
+        for (element, triangle) in source.triangles.iter().enumerate() {
+            if let Some(&index) = triangle.iter().find(|&&i| i as usize >= count) {
+                return Err(Error::Index { element, index, count });
+            }
+        }
+        finite("source body", &source.points)?;
+        finite("target body", &target.points)?;
+        for (g, points) in self.garments.iter().enumerate() {
+            finite(&format!("garment {g}"), points)?;
+        }
+        Ok(())
+    }
+}
+
+fn finite(what: &str, points: &[Vec3]) -> Result<(), Error> {
+    match points.iter().position(|p| !p.iter().all(|c| c.is_finite())) {
+        Some(element) => Err(Error::NotFinite { what: what.to_owned(), element }),
+        None => Ok(()),
+    }
+}

@@ -17,8 +17,9 @@ def attribute(stage, path):
     return stage.GetAttributeAtPath(path)
 
 
-def expect(read, file, prim, name, element, words):
-    """The error's parts, and that its text names all of them."""
+def expect(read, file, *wanted):
+    """The error's prim, attribute, element and words, and that its text names all of them."""
+    prim, name, element, words = wanted
     with pytest.raises(BadInput) as caught:
         read(file)
     error = caught.value
@@ -143,11 +144,12 @@ GARMENT_CASES = [
 ]
 
 
-@pytest.mark.parametrize(("breaks", "prim", "name", "element", "words"), GARMENT_CASES)
-def test_garments(tmp_path, breaks, prim, name, element, words):
+@pytest.mark.parametrize("case", GARMENT_CASES)
+def test_garments(tmp_path, case):
+    breaks, *wanted = case
     stage = scenes.outfit_stage(tmp_path / "o.usda")
     breaks(stage)
-    expect(read_outfit, scenes.saved(stage), prim, name, element, words)
+    expect(read_outfit, scenes.saved(stage), *wanted)
 
 
 def skin(stage, name, change):
@@ -252,11 +254,12 @@ CHARACTER_CASES = [
 ]
 
 
-@pytest.mark.parametrize(("breaks", "prim", "name", "element", "words"), CHARACTER_CASES)
-def test_characters(tmp_path, breaks, prim, name, element, words):
+@pytest.mark.parametrize("case", CHARACTER_CASES)
+def test_characters(tmp_path, case):
+    breaks, *wanted = case
     stage = scenes.character_stage(tmp_path / "c.usda")
     breaks(stage)
-    expect(read_character, scenes.saved(stage), prim, name, element, words)
+    expect(read_character, scenes.saved(stage), *wanted)
 
 
 @pytest.mark.parametrize("read", [read_outfit, read_character])

@@ -76,7 +76,7 @@ def test_topology_that_cloth_does_not_have(tmp_path):
     text = " / ".join(p["message"] for p in check(scenes.saved(stage))["problems"])
     for words in (
         "more than once",
-        "wound against each other",
+        "faced inward and are read turned over",
         "1 points are in no face",
         "more than two triangles",
     ):

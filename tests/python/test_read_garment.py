@@ -8,7 +8,7 @@ import scenes
 from dressform.usd.fabric import preset_named
 from dressform.usd.garment import read_outfit
 from dressform.usd.polygon import triangulate
-from pxr import Gf, Sdf, UsdGeom, UsdShade, Vt
+from pxr import Gf, Sdf, UsdGeom, UsdShade, UsdSkel, Vt
 
 
 def shirt_of(stage):
@@ -240,3 +240,19 @@ def test_outside_data(outside_data):
     for file in outfits:
         outfit = read_outfit(file)
         assert outfit.notes == [] and len(outfit.bodies) == 1
+
+
+def test_a_skinned_garment_follows_its_binding(tmp_path):
+    stage = scenes.outfit_stage(tmp_path / "o.usda")
+    prim = stage.GetPrimAtPath("/Outfit/Shirt")
+    ones = np.ones((len(prim.GetAttribute("points").Get()), 1))
+    skeleton = UsdSkel.Skeleton(stage.GetPrimAtPath("/SourceBody/Character/Skel"))
+    scenes.bind_skin(prim, skeleton, ones.astype(int), ones)
+    UsdSkel.BindingAPI(prim).CreateGeomBindTransformAttr(Gf.Matrix4d().SetTranslate(Gf.Vec3d(0, 0.1, 0)))
+    UsdGeom.Xformable(prim).AddTranslateOp().Set(Gf.Vec3d(5.0, 0.0, 0.0))
+    points, _ = scenes.tube(0.2, 0.9, 1.4, scenes.SHIRT_RINGS)
+    assert np.abs(shirt_of(stage)[0].points - points).max() < 1e-6
+    UsdSkel.BindingAPI(prim).GetSkeletonRel().SetTargets(["/Gone"])
+    shirt, outfit = shirt_of(stage)
+    assert np.abs(shirt.points - (points - [0, 0.1, 0] + [5.0, 0, 0])).max() < 1e-6
+    assert any("/Gone" in note for note in outfit.notes)

@@ -91,7 +91,8 @@ def _garments(source: Source, errors: _Errors) -> list[dict[str, Any]]:
     found = []
     for prim in [p for p in source.prims() if is_garment(p)]:
         body = errors.attempt(bodies.of, prim)
-        garment = errors.attempt(read_garment, source, prim, -1 if body is None else body)
+        points = None if body is None else bodies.found[body].points
+        garment = errors.attempt(read_garment, source, prim, points)
         if garment is not None:
             path = None if body is None else bodies.found[body].path
             found.append(_garment(prim, garment, path))

@@ -76,6 +76,8 @@ class MeshOrigin:
     face_of_triangle: Indices
     #: Index into ``face_vertex_indices`` (and every faceVarying value) of each corner, shape [t, 3].
     corner_of_triangle: Indices
+    #: Triangles turned over against the mesh's own winding, shape [t] (or empty: none).
+    turned: NDArray[np.bool_] = field(default_factory=lambda: np.zeros(0, dtype=bool))
 
 
 @dataclass

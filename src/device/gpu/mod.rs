@@ -1,16 +1,18 @@
 //! The GPU device, through wgpu (Vulkan, Metal, DX12).
 
 mod batch;
+mod bindings;
 mod faults;
 mod pipeline;
 
-use std::num::NonZeroU64;
 use std::sync::{Arc, Mutex, MutexGuard};
 
 use bytemuck::Pod;
 
-use super::{Access, AdapterInfo, Binding, DeviceError, Kernel, Storage, WORKGROUP};
+use super::{AdapterInfo, Binding, DeviceError, Kernel, WORKGROUP};
 use batch::{Batch, CAPACITY};
+pub(super) use bindings::GpuBuffer;
+use bindings::Groups;
 use faults::Faults;
 use pipeline::Pipelines;
 
@@ -50,6 +52,7 @@ pub(super) struct Gpu {
 #[derive(Debug)]
 struct State {
     pipelines: Pipelines,
+    groups: Groups,
     batch: Batch,
     readback: Option<wgpu::Buffer>,
 }
@@ -89,7 +92,8 @@ impl Gpu {
         });
         let batch = Batch::new(&device);
         faults.check()?;
-        let state = State { pipelines: Pipelines::default(), batch, readback: None };
+        let state =
+            State { pipelines: Pipelines::default(), groups: Groups::default(), batch, readback: None };
         Ok(Gpu { info: info.clone(), device, queue, faults, state: Mutex::new(state) })
     }
 
@@ -103,7 +107,7 @@ impl Gpu {
         label: &'static str,
         bytes: usize,
         data: Option<&[u8]>,
-    ) -> Result<wgpu::Buffer, DeviceError> {
+    ) -> Result<GpuBuffer, DeviceError> {
         use wgpu::BufferUsages as Usage;
         let size = padded(bytes);
         let limits = self.device.limits();
@@ -111,7 +115,8 @@ impl Gpu {
         if size > limit {
             return Err(DeviceError::TooLarge { label, bytes: bytes as u64, limit });
         }
-        let _alone = self.state(); // so that a fault is told to the call that caused it
+        let mut state = self.state(); // held, so that a fault is told to the call that caused it
+        state.groups.purge();
         let buffer = self.device.create_buffer(&wgpu::BufferDescriptor {
             label: Some(label),
             size,
@@ -127,7 +132,7 @@ impl Gpu {
             buffer.unmap();
             self.faults.check()?;
         }
-        Ok(buffer)
+        Ok(state.groups.adopt(buffer))
     }
 
     /// Overwrites a buffer from its start, after the kernels that were run before.
@@ -224,8 +229,8 @@ impl Gpu {
         params: &[u8],
         bindings: &[Binding<'_>],
     ) -> Result<(), DeviceError> {
-        let buffers = resolve(kernel, bindings)?;
-        let groups = grid(invocations).ok_or_else(|| {
+        let buffers = bindings::resolve(kernel, bindings)?;
+        let grid = grid(invocations).ok_or_else(|| {
             DeviceError::Rejected(format!("kernel '{}': {invocations} invocations", kernel.name))
         })?;
         let size = params.len().next_multiple_of(PADDING as usize).max(PADDING as usize);
@@ -233,42 +238,16 @@ impl Gpu {
             return Err(DeviceError::Rejected(format!("kernel '{}': {size} parameter bytes", kernel.name)));
         }
         let mut state = self.state();
-        let State { pipelines, batch, .. } = &mut *state;
+        let State { pipelines, groups, batch, .. } = &mut *state;
         let pipeline = pipelines.get(&self.device, &self.faults, kernel)?;
         batch.reserve(&self.queue, size);
         let offset = batch.push(params, size);
-        let group = self.bind(kernel, &pipeline.layout, &batch.parameters, size, &buffers);
-        batch.dispatch(&self.device, &pipeline.compute, &group, offset, groups);
+        let group = groups.get(&self.device, kernel, &pipeline, (&batch.parameters, size), &buffers);
+        batch.dispatch(&self.device, &pipeline.compute, group, offset, grid);
         if batch.is_full() {
             batch.submit(&self.queue);
         }
         self.faults.check()
-    }
-
-    fn bind(
-        &self,
-        kernel: &Kernel,
-        layout: &wgpu::BindGroupLayout,
-        parameters: &wgpu::Buffer,
-        size: usize,
-        buffers: &[&wgpu::Buffer],
-    ) -> wgpu::BindGroup {
-        let parameters =
-            wgpu::BufferBinding { buffer: parameters, offset: 0, size: NonZeroU64::new(size as u64) };
-        let storage = buffers.iter().map(|buffer| buffer.as_entire_buffer_binding());
-        let entries: Vec<_> = std::iter::once(parameters)
-            .chain(storage)
-            .zip(0..)
-            .map(|(buffer, binding)| wgpu::BindGroupEntry {
-                binding,
-                resource: wgpu::BindingResource::Buffer(buffer),
-            })
-            .collect();
-        self.device.create_bind_group(&wgpu::BindGroupDescriptor {
-            label: Some(kernel.name),
-            layout,
-            entries: &entries,
-        })
     }
 
     /// Breaks the device, as pulling its plug would.
@@ -277,24 +256,6 @@ impl Gpu {
         // The loss is told by the next poll; what it returns tells nothing more.
         drop(self.device.poll(wgpu::PollType::wait_indefinitely()));
     }
-}
-
-/// The buffers of a run, none of them written and bound a second time.
-fn resolve<'a>(kernel: &Kernel, bindings: &[Binding<'a>]) -> Result<Vec<&'a wgpu::Buffer>, DeviceError> {
-    let mut buffers: Vec<&wgpu::Buffer> = Vec::with_capacity(bindings.len());
-    for binding in bindings {
-        let Storage::Gpu(buffer) = binding.storage else {
-            return Err(DeviceError::Foreign { label: binding.label });
-        };
-        buffers.push(buffer);
-    }
-    for (i, binding) in bindings.iter().enumerate() {
-        let written = kernel.access[i] == Access::Write;
-        if written && buffers.iter().enumerate().any(|(j, buffer)| j != i && *buffer == buffers[i]) {
-            return Err(DeviceError::Aliased { kernel: kernel.name, label: binding.label });
-        }
-    }
-    Ok(buffers)
 }
 
 #[cfg(test)]

@@ -79,12 +79,9 @@ def install(arrays: Path, arrays_to: Path, root: Path, out: Path) -> None:
     _flush_folder(out.parent)
 
 
-def remove_old_arrays(out: Path, names: set[str], keep: str) -> None:
-    """Takes away what only the replaced root referred to; what another root of the same stem
-    (``x.usda`` beside ``x.usdc``) may use stays."""
-    if any(out.with_suffix(s) != out and out.with_suffix(s).exists() for s in LAYER_SUFFIXES):
-        return
-    for name in names - {keep}:
+def remove_old_arrays(out: Path, names: set[str]) -> None:
+    """Takes away what the replaced root referred to, if it carries a name of ours."""
+    for name in names:
         mine = name.startswith(f"{out.stem}.garments-") and _CONTENT_NAME.search(name)
         if mine and Path(name).name == name:
             (out.parent / name).unlink(missing_ok=True)

@@ -54,6 +54,9 @@ def read_character(
     source = open_stage(file, variants)
     character = character_under(source, source.stage.GetPseudoRoot(), body, colliders)
     character.variants = copy_variants(variants)
+    worn = [p.GetName() for p in source.prims() if is_garment(p)]
+    if worn:
+        source.note(f"it wears {', '.join(worn)} already, which stays and is not collided with")
     return character, source.notes
 
 
@@ -95,13 +98,14 @@ def skinned_meshes(source: Source, root: Usd.Prim) -> list[Usd.Prim]:
 
 def require_same_topology(source: Character, target: Character) -> None:
     """Raises BadInput unless both bodies have the same points and faces by index."""
-    if source.origin is None or target.origin is None:
+    mine, its = target.origin, source.origin
+    if mine is None or its is None:
         raise ValueError("characters without their stage's bookkeeping cannot be compared")
 
     def bad(message: str, attribute: str, element: int | None = None) -> BadInput:
         return BadInput(
-            f"{message} (source body {source.origin.file} <{source.path}>)",
-            file=target.origin.file,
+            f"{message} (source body {its.file} <{source.path}>)",
+            file=mine.file,
             prim=target.path,
             attribute=attribute,
             element=element,
@@ -111,7 +115,7 @@ def require_same_topology(source: Character, target: Character) -> None:
         message = f"the body has {len(target.points)} points and the source body {len(source.points)}"
         raise bad(message, "points")
     for name in ("face_vertex_counts", "face_vertex_indices"):
-        ours, theirs = getattr(target.origin, name), getattr(source.origin, name)
+        ours, theirs = getattr(mine, name), getattr(its, name)
         attribute = "faceVertexCounts" if name.endswith("counts") else "faceVertexIndices"
         if len(ours) != len(theirs):
             message = f"{len(ours)} entries where the source body has {len(theirs)}"
@@ -184,7 +188,7 @@ def _colliders(source: Source, body: Usd.Prim, wanted: list[str]) -> list[Collid
         for prim in meshes:
             path = str(prim.GetPath())
             if path not in found:
-                points, triangles, _ = read_mesh(source, prim, _world_from_collider(source, prim))
+                points, triangles, _ = read_mesh(source, prim, world_from_skinned(source, prim))
                 found[path] = Collider(path, points, triangles)
     return list(found.values())
 
@@ -195,8 +199,13 @@ def _matches(prim: Usd.Prim, want: str) -> bool:
     return any(fnmatch(name, want) for name in str(prim.GetPath()).split("/")[1:])
 
 
-def _world_from_collider(source: Source, prim: Usd.Prim) -> Floats | None:
-    skeleton = bound_skeleton(source, prim) if is_skinned(prim) else None
+def world_from_skinned(source: Source, prim: Usd.Prim) -> Floats | None:
+    """World from a mesh through its binding; None for meshes that no skeleton moves."""
+    try:
+        skeleton = bound_skeleton(source, prim) if is_skinned(prim) else None
+    except BadInput as error:
+        source.note(f"skel:skeleton {error.message}: its own transform is taken", prim)
+        return None
     if skeleton is None:
         return None
     world = source.world_from_local(skeleton)

@@ -9,10 +9,12 @@ from pathlib import Path
 import numpy as np
 from pxr import Usd, UsdGeom
 
-from ..model import Character, GarmentSource, Outfit
-from .character import character_under, skinned_meshes
+from ..errors import BadInput
+from ..model import Character, Floats, GarmentSource, Outfit
+from .character import character_under, skinned_meshes, world_from_skinned
 from .marks import is_garment
 from .mesh import degenerate_triangles, read_mesh
+from .orient import turned_triangles
 from .panels import mark_mirrored, read_panels
 from .pattern import panel_from_uv, read_pattern
 from .seams import read_seams
@@ -47,7 +49,9 @@ def read_outfit(
     outfit.file, outfit.frame = source.file, source.frame
     for prim in prims:
         body = bodies.of(prim)
-        outfit.garments.append(read_garment(source, prim, body, pattern_primvar))
+        garment = read_garment(source, prim, bodies.found[body].points, pattern_primvar)
+        garment.body = body
+        outfit.garments.append(garment)
     outfit.notes = source.notes
     outfit.variants = copy_variants(variants)
     return outfit
@@ -72,14 +76,22 @@ def garment_prims(source: Source, paths: list[str]) -> list[Usd.Prim]:
 
 
 def read_garment(
-    source: Source, prim: Usd.Prim, body: int, pattern_primvar: str | None = None
+    source: Source, prim: Usd.Prim, body: Floats | None = None, pattern_primvar: str | None = None
 ) -> GarmentSource:
-    """One garment, checked: what comes back satisfies the core's own validation."""
-    points, triangles, origin = read_mesh(source, prim)
+    """One garment, checked: what comes back satisfies the core's own validation.
+
+    Args:
+        body: world points of its source body, to tell outside from inside.
+    """
+    points, triangles, origin = read_mesh(source, prim, world_from_skinned(source, prim))
     flat = degenerate_triangles(points, triangles)
     if len(flat):
         raise _degenerate(source, prim, origin.face_of_triangle[flat[0]], "in 3D")
     note_topology(source, prim, len(points), triangles)
+    seams = read_seams(source, prim, len(points))
+    origin.turned = turned_triangles(source, prim, points, triangles, seams, body)
+    for corners in (triangles, origin.corner_of_triangle):
+        corners[origin.turned] = corners[origin.turned][:, ::-1]
     uv, pattern_origin = read_pattern(source, prim, origin, points, pattern_primvar)
     flat = degenerate_triangles(uv, triangles)
     if len(flat):
@@ -93,19 +105,19 @@ def read_garment(
         name=prim.GetName(),
         path=str(prim.GetPath()),
         layer=0 if layer is None else int(layer),
-        body=body,
+        body=-1,
         points=points,
         triangles=triangles,
         corner_pattern=np.einsum("tij,tkj->tki", panel_from_uv(panels)[panel_of_triangle], uv),
         panel_of_triangle=panel_of_triangle,
         panels=panels,
-        seams=read_seams(source, prim, len(points)),
+        seams=seams,
         origin=origin,
         pattern_origin=pattern_origin,
     )
 
 
-def _degenerate(source: Source, prim: Usd.Prim, face: int, where: str) -> Exception:
+def _degenerate(source: Source, prim: Usd.Prim, face: int, where: str) -> BadInput:
     return source.bad(f"face {face} has no area {where}", prim, "faceVertexIndices", face)
 
 

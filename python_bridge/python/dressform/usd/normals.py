@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..model import Floats, GarmentSource, MeshOrigin
+from .graph import components
 
 #: Source normals closer than this (cosine) belong to one fan.
 SAME_NORMAL = 0.999
@@ -26,7 +27,7 @@ def vertex_normals(garment: GarmentSource, origin: MeshOrigin, points: Floats, o
     """
     corner_points = origin.face_vertex_indices[origin.corner_of_triangle]
     total = np.zeros_like(points)
-    np.add.at(total, corner_points.ravel(), corner_weights(points, corner_points).reshape(-1, 3))
+    np.add.at(total, corner_points.ravel(), corner_weights(points, corner_points, origin).reshape(-1, 3))
     fan = _sewn(garment, len(points), old)
     joined = np.zeros_like(points)
     np.add.at(joined, fan, total)
@@ -40,7 +41,7 @@ def corner_normals(origin: MeshOrigin, points: Floats, old: Floats) -> Floats:
     key = np.concatenate([indices[:, None], quantised], axis=1)
     _, fan = np.unique(key, axis=0, return_inverse=True)
     fan = fan.ravel()
-    weights = corner_weights(points, indices[origin.corner_of_triangle])
+    weights = corner_weights(points, indices[origin.corner_of_triangle], origin)
     total = np.zeros((int(fan.max()) + 1, 3))
     np.add.at(total, fan[origin.corner_of_triangle].ravel(), weights.reshape(-1, 3))
     return _unit(total[fan])
@@ -49,39 +50,40 @@ def corner_normals(origin: MeshOrigin, points: Floats, old: Floats) -> Floats:
 def face_normals(origin: MeshOrigin, points: Floats) -> Floats:
     """Normals for each face, shape [faces, 3]."""
     corners = points[origin.face_vertex_indices[origin.corner_of_triangle]]
-    area = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    area = area_normals(corners, origin)
     total = np.zeros((len(origin.face_vertex_counts), 3))
     np.add.at(total, origin.face_of_triangle, area)
     return _unit(total)
 
 
-def corner_weights(points: Floats, corner_points: NDArray[np.int64]) -> Floats:
+def corner_weights(points: Floats, corner_points: NDArray[np.int64], origin: MeshOrigin) -> Floats:
     """The triangle's unit normal times the corner's angle, shape [t, 3, 3]."""
     corners = points[corner_points]
-    normal = _unit(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]))
+    normal = _unit(area_normals(corners, origin))
     forward = _unit(np.roll(corners, -1, axis=1) - corners)
     backward = _unit(np.roll(corners, 1, axis=1) - corners)
     angle = np.arccos(np.clip((forward * backward).sum(axis=2), -1.0, 1.0))
     return normal[:, None, :] * angle[:, :, None]
 
 
+def area_normals(corners: Floats, origin: MeshOrigin) -> Floats:
+    """On the side that the mesh's own winding calls its front, shape [t, 3]."""
+    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    if len(origin.turned):
+        normal[origin.turned] *= -1.0
+    return normal
+
+
 def _sewn(garment: GarmentSource, count: int, old: Floats | None) -> NDArray[np.int64]:
     """Smallest point of each sewn group that shares a normal, shape [n]."""
     pairs = [s.pairs.astype(np.int64) for s in garment.seams if not s.offset]
-    fan = np.arange(count)
     if not pairs:
-        return fan
+        return np.arange(count)
     tied = np.concatenate(pairs)
     if old is not None:
         unit = _unit(old)
         tied = tied[(unit[tied[:, 0]] * unit[tied[:, 1]]).sum(axis=1) > SAME_NORMAL]
-    while True:
-        before = fan.copy()
-        lowest = np.minimum(fan[tied[:, 0]], fan[tied[:, 1]])
-        for side in (0, 1):
-            np.minimum.at(fan, tied[:, side], lowest)
-        if np.array_equal(before, fan):
-            return fan
+    return components(count, tied)
 
 
 def _unit(vectors: Floats) -> Floats:

@@ -8,6 +8,7 @@ from pxr import Usd, UsdGeom
 
 from ..model import Floats, Indices, MeshOrigin, Panel
 from .fabric import read_fabric
+from .graph import components, numbered
 from .marks import panel_subsets
 from .stage import Source
 
@@ -54,19 +55,9 @@ def islands_of(origin: MeshOrigin, uv: Floats, triangles: NDArray[np.int64]) -> 
     key = np.concatenate([points[..., None], cell], axis=2).reshape(-1, 3)
     _, vertex = np.unique(key, axis=0, return_inverse=True)
     vertex = vertex.reshape(-1, 3)
-    label = np.arange(vertex.max() + 1)
-    while True:  # the smallest label spreads over corners; halved at each turn by jumping
-        lowest = label[vertex].min(axis=1)
-        spread = label.copy()
-        np.minimum.at(spread, vertex.ravel(), np.repeat(lowest, 3))
-        spread = spread[spread]
-        if np.array_equal(spread, label):
-            break
-        label = spread
-    _, first, island = np.unique(label[vertex[:, 0]], return_index=True, return_inverse=True)
-    rank = np.empty(len(first), dtype=np.int64)
-    rank[np.argsort(first, kind="stable")] = np.arange(len(first))  # numbered by first triangle
-    return rank[island]
+    joined = np.concatenate([vertex[:, :2], vertex[:, 1:]])
+    label = components(int(vertex.max()) + 1, joined)
+    return numbered(label[vertex[:, 0]])
 
 
 def mark_mirrored(

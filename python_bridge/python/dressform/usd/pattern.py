@@ -49,15 +49,16 @@ def read_pattern(
         scale = None if own else clo.rest_position_scale(prim)
         if scale is not None:
             uv, unit, said = uv * np.array(scale), source.frame.meters_per_unit, False
-    return _in_metres(source, prim, origin, points, uv, PatternOrigin(name, unit, not said))
+    corners = points[origin.face_vertex_indices[origin.corner_of_triangle]]
+    return _in_metres(source, prim, corners, uv, PatternOrigin(name, unit, not said))
 
 
 def _in_metres(
-    source: Source, prim: Usd.Prim, origin: MeshOrigin, points: Floats, uv: Floats, said: PatternOrigin
+    source: Source, prim: Usd.Prim, corners: Floats, uv: Floats, said: PatternOrigin
 ) -> tuple[Floats, PatternOrigin]:
     """Applies the unit, or a better one where it was only assumed and cannot be right."""
     name, unit = said.attribute, said.meters_per_unit
-    ratio = _length_ratio(points, origin, uv * unit)
+    ratio = _length_ratio(corners, uv * unit)
     plausible = 1.0 / WRONG_UNIT < ratio < WRONG_UNIT
     inferred = said.inferred and not plausible
     if inferred and np.isfinite(ratio):
@@ -167,9 +168,8 @@ def _unit(source: Source, prim: Usd.Prim, var: UsdGeom.Primvar) -> tuple[float, 
     return float(authored), True
 
 
-def _length_ratio(points: Floats, origin: MeshOrigin, uv: Floats) -> float:
+def _length_ratio(corners: Floats, uv: Floats) -> float:
     """Sum of the triangles' edge lengths in 3D over the same in 2D."""
-    corners = points[origin.face_vertex_indices[origin.corner_of_triangle]]
     length = [np.linalg.norm(c - np.roll(c, 1, axis=1), axis=2).sum() for c in (corners, uv)]
     return float(length[0] / length[1]) if length[1] > 0.0 else float("inf")
 

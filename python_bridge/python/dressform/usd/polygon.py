@@ -26,11 +26,12 @@ def triangulate(points: Floats, counts: Ints, indices: Ints) -> tuple[Ints, Ints
     if len(four):
         faces.append(np.repeat(four, 2))
         corners.append((start[four, None, None] + _cut_quads(points, start[four], indices)).reshape(-1, 3))
-    for face in np.flatnonzero(counts > 4):
-        ears = _clip_ears(points[indices[start[face] : start[face] + counts[face]]])
-        faces.append(np.full(len(ears), face))
-        corners.append(start[face] + ears)
-    face, corner = np.concatenate(faces), np.concatenate(corners)
+    for many in np.flatnonzero(counts > 4):
+        ears = _clip_ears(points[indices[start[many] : start[many] + counts[many]]])
+        faces.append(np.full(len(ears), many))
+        corners.append(start[many] + ears)
+    face: Ints = np.concatenate(faces)
+    corner: Ints = np.concatenate(corners)
     order = np.argsort(face, kind="stable")
     return face[order], corner[order]
 
@@ -46,7 +47,8 @@ def _cut_quads(points: Floats, start: Ints, indices: Ints) -> Ints:
         tri = quad[:, cut]
         area = np.cross(tri[:, :, 1] - tri[:, :, 0], tri[:, :, 2] - tri[:, :, 0])
         worst.append(np.einsum("qtd,qd->qt", area, normal).min(axis=1))
-    return cuts[(worst[1] > worst[0]).astype(np.int64)]
+    chosen: Ints = cuts[(worst[1] > worst[0]).astype(np.int64)]
+    return chosen
 
 
 def _clip_ears(polygon: Floats) -> Ints:

@@ -15,9 +15,9 @@ from .stage import Source
 def read_seams(source: Source, prim: Usd.Prim, point_count: int) -> list[AuthoredSeam]:
     """Authored seams in order of name; welded seams need no authoring and are not among them."""
     seams = [_ours(source, prim, name, point_count) for name in _names(prim)]
-    for sewn in clo.sewing(prim):
-        flat = _side(source, prim.GetChild(sewn.name), "indices", sewn.pairs, point_count)
-        seams.append(AuthoredSeam(sewn.name, _tidy(flat.reshape(-1, 2))))
+    for name, sewn in clo.sewing(prim):
+        flat = _side(source, prim.GetChild(name), "indices", sewn, point_count)
+        seams.append(AuthoredSeam(name, _tidy(flat.reshape(-1, 2))))
     return [seam for seam in seams if len(seam.pairs)]
 
 

@@ -5,13 +5,15 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from pxr import Usd, UsdSkel
+from pxr import Sdf, Usd, UsdSkel
 
 from ..model import Floats
 from .stage import Source, matrix
 
 #: A joint whose rest transform is further from its bind transform than this is worth a note [m].
 REST_DIFFERS = 1e-3
+#: Determinant below which a transform cannot be inverted.
+SMALLEST_VOLUME = 1e-30
 
 
 @dataclass
@@ -42,7 +44,7 @@ def bound_skeleton(source: Source, prim: Usd.Prim) -> Usd.Prim | None:
     return None
 
 
-def _target(source: Source, owner: Usd.Prim, targets: list) -> Usd.Prim:
+def _target(source: Source, owner: Usd.Prim, targets: list[Sdf.Path]) -> Usd.Prim:
     skeleton = source.stage.GetPrimAtPath(targets[0]) if targets else None
     if not skeleton or not skeleton.IsA(UsdSkel.Skeleton):
         name = targets[0] if targets else "nothing"
@@ -66,10 +68,9 @@ def read_skeleton(source: Source, prim: Usd.Prim) -> SkeletonData:
         message = f"{found} transforms for {len(joints)} joints"
         raise source.bad(message, prim, "bindTransforms")
     matrices = np.array(bind, dtype=np.float64).transpose(0, 2, 1)
-    finite = np.isfinite(matrices).all(axis=(1, 2))
-    broken = np.flatnonzero(
-        ~finite | (np.abs(np.linalg.det(np.where(finite[:, None, None], matrices, 0.0))) < 1e-30)
-    )
+    finite = np.isfinite(matrices).all(axis=(1, 2), keepdims=True)
+    volume = np.linalg.det(np.where(finite, matrices, 0.0))
+    broken = np.flatnonzero(np.abs(volume) < SMALLEST_VOLUME)
     if len(broken):
         raise source.bad("the transform cannot be inverted", prim, "bindTransforms", broken[0])
     world = source.world_from_local(prim)

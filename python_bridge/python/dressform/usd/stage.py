@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator, Mapping
+from typing import Any
 
 import numpy as np
 from pxr import Gf, Sdf, Tf, Usd, UsdGeom
@@ -69,7 +70,7 @@ class Source:
         )
         return Usd.TimeCode.Default() if has_default else Usd.TimeCode.EarliestTime()
 
-    def value(self, attribute: Usd.Attribute) -> object:
+    def value(self, attribute: Usd.Attribute) -> Any:
         """The value at :meth:`time_of`, or None."""
         return attribute.Get(self.time_of(attribute)) if attribute else None
 
@@ -81,7 +82,7 @@ class Source:
             if ops and ops.TransformMightBeTimeVarying():
                 time = Usd.TimeCode.EarliestTime()
                 self.note("the transform is animated: its earliest time is taken", p)
-        return matrix(UsdGeom.Imageable(prim).ComputeLocalToWorldTransform(time))
+        return matrix(UsdGeom.XformCache(time).GetLocalToWorldTransform(prim))
 
     def world_from_local(self, prim: Usd.Prim) -> Floats:
         """World (metres, Y up) from the prim's local space, shape [4, 4]."""
@@ -106,7 +107,7 @@ def gf_matrix(ours: Floats) -> Gf.Matrix4d:
 
 def apply(transform: Floats, points: Floats) -> Floats:
     """``transform @ [p, 1]`` for every point, shape [n, 3]."""
-    return np.ascontiguousarray(points @ transform[:3, :3].T + transform[:3, 3])
+    return np.ascontiguousarray(points @ transform[:3, :3].T + transform[:3, 3], dtype=np.float64)
 
 
 def open_stage(
@@ -133,8 +134,12 @@ def open_stage(
         raise BadInput(f"USD cannot open it: {_reason(error)}", file=name) from error
     if stage is None:
         raise BadInput("USD cannot open it: not a USD file", file=name)
-    for error in stage.GetCompositionErrors():
-        raise BadInput(f"the stage does not compose: {str(error).strip()}", file=name)
+    for used in stage.GetUsedLayers():  # USD keeps layers open: read what is on the disk now
+        if not (used.dirty or used.anonymous):
+            used.Reload()
+    broken = stage.GetCompositionErrors()
+    if broken:
+        raise BadInput(f"the stage does not compose: {str(broken[0]).strip()}", file=name)
     source = Source(stage, name)
     for path, choices in (variants or {}).items():
         _select(source, path, choices)

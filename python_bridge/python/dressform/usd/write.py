@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 from pxr import Sdf, Tf, Usd, UsdGeom, UsdSkel, UsdUtils, Vt
 
-from ..errors import BadInput, BadOutput
+from ..errors import BadOutput
 from ..model import Character, DressedGarment, Outfit
 from . import atomic
 from .bring import bring_outside
@@ -59,8 +59,7 @@ def write_dressed(
     Raises:
         BadOutput: ``out`` cannot be written; an older ``out`` is as it was.
     """
-    target = Path(os.path.abspath(out))
-    _check_target(target, clobber)
+    target = check_target(out, clobber=clobber)
     outfit_source = open_stage(outfit.file, outfit.variants)
     character_source = open_stage(_file_of(character), character.variants)
     _refuse_inputs(target, outfit_source, character_source)
@@ -71,10 +70,10 @@ def write_dressed(
         _export(layer, arrays, target)
         _check_arrays(layer, arrays, target)
         name = atomic.content_name(target, arrays)
-        _export(writer.root(outfit, dressed, name, passed, broken), root, target)
+        _export(writer.root(dressed, name, passed, broken), root, target)
         before = referenced_arrays(target)
         atomic.install(arrays, target.with_name(name), root, target)
-        atomic.remove_old_arrays(target, before, name)
+        atomic.remove_old_arrays(target, before - _used_by_others(target) - {name})
     for written in (target, target.with_name(name)):
         known = Sdf.Layer.Find(str(written))
         if known:
@@ -126,12 +125,7 @@ class _Writer:
         return layer
 
     def root(
-        self,
-        outfit: Outfit,
-        dressed: Sequence[DressedGarment],
-        arrays: str,
-        passed: bool,
-        broken: Sequence[str],
+        self, dressed: Sequence[DressedGarment], arrays: str, passed: bool, broken: Sequence[str]
     ) -> Sdf.Layer:
         """The layer that is opened: references and everything that is small."""
         layer = Sdf.Layer.CreateAnonymous(f"root{self.target.suffix}")
@@ -149,7 +143,7 @@ class _Writer:
         scope.specifier = Sdf.SpecifierDef
         scope.typeName = "Scope" if self._inside_skel_root() else "SkelRoot"
         scope.referenceList.prependedItems = [Sdf.Reference(f"./{arrays}")]
-        for garment, name, result in zip(outfit.garments, self.names, dressed, strict=True):
+        for name, result in zip(self.names, dressed, strict=True):
             over = Sdf.CreatePrimInLayer(layer, scope.path.AppendChild(name))
             self._state(over)
             _certificate(over, result.certificate, passed, broken)
@@ -163,7 +157,7 @@ class _Writer:
         _attribute(over, "garment:state", Sdf.ValueTypeNames.Token, "dressed")
 
     def _inside_skel_root(self) -> bool:
-        return self.character_source.stage.GetPrimAtPath(self.top).IsA(UsdSkel.Root)
+        return bool(self.character_source.stage.GetPrimAtPath(self.top).IsA(UsdSkel.Root))
 
     def _character_asset(self) -> str:
         return relative_asset(_file_of(self.character), self.target.parent)
@@ -213,7 +207,19 @@ def referenced_arrays(root: Path) -> set[str]:
     return {p.removeprefix("./") for p in layer.GetExternalReferences()} if layer else set()
 
 
-def _check_target(target: Path, clobber: bool) -> None:
+def _used_by_others(target: Path) -> set[str]:
+    """Arrays that a root of the same stem refers to (``x.usdc`` beside ``x.usda``)."""
+    others = (target.with_suffix(s) for s in atomic.LAYER_SUFFIXES if s != target.suffix)
+    return {name for other in others for name in referenced_arrays(other)}
+
+
+def check_target(out: str | os.PathLike[str], *, clobber: bool = True) -> Path:
+    """What can be said of ``out`` before anything is computed; its absolute path.
+
+    Raises:
+        BadOutput: the name is no layer's, something is in the way, or nothing can be written there.
+    """
+    target = Path(os.path.abspath(out))
     if target.suffix not in atomic.LAYER_SUFFIXES:
         message = f"the name must end in one of {', '.join(atomic.LAYER_SUFFIXES)}"
         raise BadOutput(message, file=str(target))
@@ -221,6 +227,12 @@ def _check_target(target: Path, clobber: bool) -> None:
         raise BadOutput("this is a folder", file=str(target))
     if target.exists() and not clobber:
         raise BadOutput("it exists already and is not to be replaced", file=str(target))
+    above = next(p for p in target.parents if p.exists())
+    if not above.is_dir():
+        raise BadOutput(f"cannot be written: {above} is a file, not a folder", file=str(target))
+    if not os.access(above, os.W_OK | os.X_OK):
+        raise BadOutput(f"cannot be written: no permission to write in {above}", file=str(target))
+    return target
 
 
 def _refuse_inputs(target: Path, *sources: Source) -> None:
@@ -232,7 +244,7 @@ def _refuse_inputs(target: Path, *sources: Source) -> None:
 def _file_of(character: Character) -> str:
     if character.origin is None:
         raise ValueError(f"{character.name}: a character without a stage cannot be referenced")
-    return character.origin.file
+    return str(character.origin.file)
 
 
 def _flattened(source: Source, paths: list[str]) -> Sdf.Layer:
@@ -294,6 +306,3 @@ def _check_arrays(layer: Sdf.Layer, path: Path, target: Path) -> None:
             spec = layer.GetAttributeAtPath(at)
             if spec is not None and (back is None or back.GetAttributeAtPath(at).default != spec.default):
                 raise BadOutput("what was written does not read back: is the disk full?", file=str(target))
-
-
-__all__ = ["BadInput", "BadOutput", "referenced_arrays", "relative_asset", "write_dressed"]

@@ -43,7 +43,7 @@ class Placement:
         skeleton = stage.GetPrimAtPath(character.skeleton_path)
         self.frame = character_source.frame
         self.world_from_root = character_source.world_from_local(root)
-        self.root_from_world = np.linalg.inv(self.world_from_root)
+        self.root_from_world = np.linalg.inv(self.world_from_root).astype(np.float64)
         world_from_skeleton = character_source.world_from_local(skeleton)
         self.skeleton_from_root = np.linalg.inv(world_from_skeleton) @ self.world_from_root
 
@@ -75,9 +75,7 @@ def write_garment(
         prim: the copy.
         place: the space to write in.
     """
-    origin = garment.origin
-    if origin is None:
-        raise ValueError(f"{garment.name}: without its stage's bookkeeping it cannot be written")
+    origin = _origin(garment)
     points = _shaped(dressed.points, (len(garment.points), 3), garment, "points")
     pattern = _shaped(dressed.corner_pattern, garment.corner_pattern.shape, garment, "pattern")
     original = source.stage.GetPrimAtPath(garment.path)
@@ -85,7 +83,7 @@ def write_garment(
     mesh = UsdGeom.Mesh(prim)
     _set_shape(mesh, origin, local)
     mirrored = _set_orientation(UsdGeom.Mesh(original), mesh, origin, place)
-    _set_normals(source, original, mesh, garment, local.astype(np.float64), mirrored)
+    _set_normals(source, mesh, garment, local.astype(np.float64), mirrored)
     _inherited_primvars(original, prim)
     _scale_offsets(prim, origin, place)
     uv = uv_of_corners(garment, pattern)
@@ -155,18 +153,14 @@ def _set_orientation(
     if sides[0] != sides[1]:
         left = not left
         mesh.CreateOrientationAttr().Set(tokens.leftHanded if left else tokens.rightHanded)
-    return sides[1]
+    return bool(sides[1])
 
 
 def _set_normals(
-    source: Source,
-    original: Usd.Prim,
-    mesh: UsdGeom.Mesh,
-    garment: GarmentSource,
-    local: Floats,
-    mirrored: bool,
+    source: Source, mesh: UsdGeom.Mesh, garment: GarmentSource, local: Floats, mirrored: bool
 ) -> None:
     """New normals where the source had some, or where nothing else would smooth the surface."""
+    original = source.stage.GetPrimAtPath(garment.path)
     was = UsdGeom.Mesh(original)
     var = UsdGeom.PrimvarsAPI(original).GetPrimvar("normals")
     if var.HasValue():
@@ -186,7 +180,7 @@ def _set_normals(
 
 
 def _normals(garment: GarmentSource, local: Floats, old: Floats | None, kind: str) -> tuple[Floats, str]:
-    origin, tokens = garment.origin, UsdGeom.Tokens
+    tokens, origin = UsdGeom.Tokens, _origin(garment)
     if kind == tokens.faceVarying and old is not None and len(old) == len(origin.face_vertex_indices):
         return corner_normals(origin, local, old), tokens.faceVarying
     if kind == tokens.uniform:
@@ -213,6 +207,12 @@ def _scale_offsets(prim: Usd.Prim, origin: MeshOrigin, place: Placement) -> None
         name = attribute.GetName()
         if name.startswith(SEAM_PREFIX) and name.endswith(":offset") and abs(factor - 1.0) > 1e-9:
             attribute.Set(float(attribute.Get() * factor))
+
+
+def _origin(garment: GarmentSource) -> MeshOrigin:
+    if garment.origin is None:
+        raise ValueError(f"{garment.name}: without its stage's bookkeeping it cannot be written")
+    return garment.origin
 
 
 def _shaped(array: Floats, shape: tuple[int, ...], garment: GarmentSource, what: str) -> Floats:

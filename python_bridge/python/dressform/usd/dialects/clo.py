@@ -8,9 +8,8 @@ flat pairs of points; panel coordinates are the UV times `restPositionScale`, V 
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 from pxr import Usd, UsdGeom
-
-from ...model import AuthoredSeam
 
 #: clo attribute -> (fabric field, SI value of one unit)
 _FABRIC = {
@@ -56,12 +55,12 @@ def rest_position_scale(prim: Usd.Prim) -> tuple[float, float] | None:
     return None
 
 
-def sewing(prim: Usd.Prim) -> list[AuthoredSeam]:
-    """Seams from edge subsets of family `sewing`; indices are not checked here."""
+def sewing(prim: Usd.Prim) -> list[tuple[str, NDArray[np.int64]]]:
+    """Name and flat pairs of points of each edge subset of family `sewing`, not checked."""
     seams = []
     for subset in UsdGeom.Subset.GetAllGeomSubsets(UsdGeom.Imageable(prim)):
         if subset.GetFamilyNameAttr().Get() != "sewing":
             continue
         flat = np.array(subset.GetIndicesAttr().Get() or [], dtype=np.int64)
-        seams.append(AuthoredSeam(subset.GetPrim().GetName(), flat))
+        seams.append((subset.GetPrim().GetName(), flat))
     return seams

@@ -1,0 +1,219 @@
+//! Host tables of the elements: rest constants, stencils and bending weights.
+//!
+//! # Bending
+//! The shape operator of a triangle [Gingold 2004; Grinspun 2006] is linear in the bends
+//! `phi_i = theta_i - theta_i^rest` of its three hinges. With mid-edge normals at which the
+//! cloth has turned by a part of `theta_i`, differentiated over the triangle, and
+//! `n_i` the unit normal of edge i in the panel,
+//!
+//! ```text
+//! S - S^r = sum_i phi_i w_i (l_i / A) n_i n_i^T ,  w_i = h_i / (h_i + h_i')
+//! ```
+//!
+//! in warp/weft axes. Gingold halves every angle (`w_i = 1/2`); here it is split by the
+//! heights `h_i`, `h_i'` of the two triangles over the edge, which sums to the same total
+//! curvature, equals 1/2 on lattices (where `S` is exact for cylinders in every direction)
+//! and stays exact where the rows of a mesh have different widths. Edges on a border or a
+//! seam contribute nothing. The energy of paper section 5.2,
+//!
+//! ```text
+//! psi = A/2 [ k_warp (S00 - S00r)^2 + k_weft (S11 - S11r)^2 + k_shear (S01 - S01r)^2 ],
+//! ```
+//!
+//! is then `|c|^2 / 2` with three amounts `c_r = sum_i W_ri phi_i`. Note that `S01` enters
+//! once: cloth is isotropic with `k_shear = 2 k_warp = 2 k_weft`.
+//!
+//! # Seam springs
+//! A seam hinge is an element with one amount, `c = sqrt(k l^2 / (A + A')) phi`: the energy of
+//! cloth of stiffness `k` that takes the whole angle between the two triangles. `k` is the
+//! mean of both sides' stiffness across the edge,
+//! `k_warp n_x^4 + k_weft n_y^4 + k_shear n_x^2 n_y^2`, times `Options::seam_bending`.
+//!
+//! # Second derivatives
+//! Gauss-Newton: `J^T J` with `J = dc/dx`; `sum_r c_r d^2 c_r / dx^2` is left out. It is
+//! positive semi-definite, and exact where the cloth has its rest bend.
+
+use nalgebra::{RealField, Vector3};
+
+use super::hinge::{COLLAPSED, HingeRest};
+use super::stretch::StretchRest;
+use crate::drape::cloth::{Cloth, Hinge};
+use crate::model::{Fabric, Vec2};
+
+/// Stands for "no hinge" and "no node".
+pub const NONE: u32 = u32::MAX;
+
+/// A bending element: a triangle with its up to three hinges, or a seam spring.
+#[derive(Clone, Debug)]
+pub struct BendElement {
+    /// For each corner the hinge opposite to it: `4 hinge + 2 side + swapped`, or [`NONE`].
+    /// `side` is which triangle of the hinge this is; `swapped` whether the hinge's edge
+    /// runs from corner i + 2 to corner i + 1.
+    pub hinges: [u32; 3],
+    /// Nodes of the corners and of the far points of the hinges, or [`NONE`].
+    pub nodes: [u32; 6],
+    /// `W`, a row for each amount, a column for each hinge [sqrt(J)].
+    pub weights: [[f64; 3]; 3],
+}
+
+/// Constants of triangle `t`'s stretch.
+pub fn stretch_rest(cloth: &Cloth, t: usize) -> StretchRest<f64> {
+    let [p0, p1, p2] = cloth.rest[t];
+    let (a, b) = (p1 - p0, p2 - p0);
+    let double = a.perp(&b);
+    let fabric = cloth.fabric(t);
+    StretchRest {
+        shape: [[b.y / double, -b.x / double], [-a.y / double, a.x / double]],
+        stiffness: [fabric.stretch_warp, fabric.stretch_weft, fabric.shear].map(|k| k * cloth.areas[t]),
+    }
+}
+
+/// Constants of a hinge.
+pub fn hinge_rest(cloth: &Cloth, hinge: &Hinge) -> HingeRest<f64> {
+    let length = hinge_length(cloth, hinge);
+    HingeRest {
+        angle: hinge.rest_angle,
+        floor_edge: (COLLAPSED * length).powi(2),
+        floor_normal: hinge.triangles.map(|t| (COLLAPSED * 2.0 * cloth.areas[t as usize]).powi(2)),
+    }
+}
+
+/// Nodes of a hinge's points `x0`..`x3`.
+pub fn hinge_nodes(cloth: &Cloth, hinge: &Hinge) -> [u32; 4] {
+    let ([x0, x1], [x2, x3]) = (hinge.edge[0], hinge.opposite);
+    [x0, x1, x2, x3].map(|v| cloth.node_of_vertex[v as usize])
+}
+
+/// All bending elements: one for each triangle, in order, then one for each seam hinge.
+pub fn bend_elements(cloth: &Cloth) -> Vec<BendElement> {
+    let mut elements: Vec<BendElement> = (0..cloth.triangles.len())
+        .map(|t| {
+            let [a, b, c] = cloth.nodes(t);
+            BendElement { hinges: [NONE; 3], nodes: [a, b, c, NONE, NONE, NONE], weights: [[0.0; 3]; 3] }
+        })
+        .collect();
+    for (h, hinge) in cloth.hinges.iter().enumerate() {
+        if hinge.seam {
+            elements.push(seam_element(cloth, h as u32, hinge));
+            continue;
+        }
+        for side in 0..2 {
+            let (t, corner) = (hinge.triangles[side] as usize, hinge.corners[side] as usize);
+            let element = &mut elements[t];
+            let swapped = cloth.triangles[t][(corner + 1) % 3] != hinge.edge[side][0];
+            element.hinges[corner] = 4 * h as u32 + 2 * side as u32 + u32::from(swapped);
+            element.nodes[3 + corner] = cloth.node_of_vertex[hinge.opposite[1 - side] as usize];
+            let weights = panel_weights(cloth, hinge, side);
+            for row in 0..3 {
+                element.weights[row][corner] = weights[row];
+            }
+        }
+    }
+    elements
+}
+
+/// The column of `W` of a hinge inside a panel, for the triangle on `side`.
+fn panel_weights(cloth: &Cloth, hinge: &Hinge, side: usize) -> [f64; 3] {
+    let t = hinge.triangles[side] as usize;
+    let (length, normal) = edge_in_panel(cloth, hinge, side);
+    let [area, other] = [side, 1 - side].map(|s| cloth.areas[hinge.triangles[s] as usize]);
+    let part = area / (area + other); // the heights' ratio: the edge is the same
+    // The hinge's sign follows its edge, counter-clockwise in the first triangle's panel; in
+    // a panel without folds the second triangle has it clockwise.
+    let sign = if runs_counter_clockwise(cloth, hinge, side) == (side == 0) { 1.0 } else { -1.0 };
+    let curvature = sign * part * length / area;
+    let fabric = cloth.fabric(t);
+    let root = |k: f64| (k * area).sqrt() * curvature;
+    [
+        root(fabric.bending_warp) * normal.x * normal.x,
+        root(fabric.bending_weft) * normal.y * normal.y,
+        root(fabric.bending_shear) * normal.x * normal.y,
+    ]
+}
+
+/// Whether the hinge's edge runs counter-clockwise around the triangle on `side`, seen in
+/// its panel.
+fn runs_counter_clockwise(cloth: &Cloth, hinge: &Hinge, side: usize) -> bool {
+    let (t, corner) = (hinge.triangles[side] as usize, hinge.corners[side] as usize);
+    let with_winding = cloth.triangles[t][(corner + 1) % 3] == hinge.edge[side][0];
+    with_winding == (cloth.signed_area(t) > 0.0)
+}
+
+fn seam_element(cloth: &Cloth, index: u32, hinge: &Hinge) -> BendElement {
+    let [x0, x1, x2, x3] = hinge_nodes(cloth, hinge);
+    let stiffness: f64 = (0..2)
+        .map(|side| {
+            let (_, normal) = edge_in_panel(cloth, hinge, side);
+            0.5 * stiffness_across(cloth.fabric(hinge.triangles[side] as usize), normal)
+        })
+        .sum();
+    let areas: f64 = hinge.triangles.iter().map(|&t| cloth.areas[t as usize]).sum();
+    let length = hinge_length(cloth, hinge);
+    let weight = (cloth.options.seam_bending * stiffness * length * length / areas).sqrt();
+    let mut weights = [[0.0; 3]; 3];
+    weights[0][0] = weight;
+    BendElement { hinges: [4 * index, NONE, NONE], nodes: [x2, x0, x1, x3, NONE, NONE], weights }
+}
+
+/// Bending stiffness for curvature along the unit vector `n` of the panel [N m].
+fn stiffness_across(fabric: &Fabric, n: Vec2) -> f64 {
+    let (x, y) = (n.x * n.x, n.y * n.y);
+    fabric.bending_warp * x * x + fabric.bending_weft * y * y + fabric.bending_shear * x * y
+}
+
+/// Rest length of a hinge's edge and its unit normal, in the panel of the triangle on `side`.
+fn edge_in_panel(cloth: &Cloth, hinge: &Hinge, side: usize) -> (f64, Vec2) {
+    let (t, corner) = (hinge.triangles[side] as usize, hinge.corners[side] as usize);
+    let rest = &cloth.rest[t];
+    let edge = rest[(corner + 2) % 3] - rest[(corner + 1) % 3];
+    let length = edge.norm();
+    (length, Vec2::new(edge.y, -edge.x) / length)
+}
+
+/// Rest length of a hinge's edge, the mean of both sides [m].
+fn hinge_length(cloth: &Cloth, hinge: &Hinge) -> f64 {
+    0.5 * (edge_in_panel(cloth, hinge, 0).0 + edge_in_panel(cloth, hinge, 1).0)
+}
+
+/// The amounts of an element; `bend_of_hinge` gives `phi`.
+pub fn amounts<T: RealField + Copy>(
+    hinges: &[u32; 3],
+    weights: &[T; 9],
+    bend_of_hinge: impl Fn(usize) -> T,
+) -> [T; 3] {
+    let mut amounts = [T::zero(); 3];
+    for i in 0..3 {
+        if hinges[i] != NONE {
+            let bend = bend_of_hinge((hinges[i] / 4) as usize);
+            for row in 0..3 {
+                amounts[row] += weights[3 * row + i] * bend;
+            }
+        }
+    }
+    amounts
+}
+
+/// The derivatives of an element's amounts with respect to its six nodes, a row for each
+/// amount; `gradient_of_hinge` gives the gradient of `theta` in the hinge's four points.
+pub fn amount_gradients<T: RealField + Copy>(
+    hinges: &[u32; 3],
+    weights: &[T; 9],
+    gradient_of_hinge: impl Fn(usize) -> [Vector3<T>; 4],
+) -> [[Vector3<T>; 3]; 6] {
+    let mut rows = [[Vector3::zeros(); 3]; 6];
+    for i in 0..3 {
+        if hinges[i] == NONE {
+            continue;
+        }
+        let g = gradient_of_hinge((hinges[i] / 4) as usize);
+        let (side, swapped) = ((hinges[i] / 2 % 2) as usize, (hinges[i] % 2) as usize);
+        for row in 0..3 {
+            let weight = weights[3 * row + i];
+            rows[i][row] += g[2 + side] * weight;
+            rows[(i + 1) % 3][row] += g[swapped] * weight;
+            rows[(i + 2) % 3][row] += g[1 - swapped] * weight;
+            rows[3 + i][row] = g[3 - side] * weight;
+        }
+    }
+    rows
+}

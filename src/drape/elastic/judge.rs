@@ -1,0 +1,134 @@
+//! The same energies in `f64` on the host, from positions.
+
+use rayon::prelude::*;
+
+use super::element::{self, BendElement, NONE};
+use super::hinge::{self, HingeRest};
+use super::stretch::{self, StretchReference, StretchRest};
+use super::{Error, GRAIN, flat};
+use crate::drape::cloth::{Cloth, Hinge};
+use crate::model::Vec3;
+
+/// The constants of all elements.
+#[derive(Debug)]
+pub(super) struct Judge {
+    vertices: usize,
+    nodes: usize,
+    triangles: Vec<[u32; 3]>,
+    pub weights: Vec<[f64; 9]>,
+    pub triangle_nodes: Vec<[u32; 3]>,
+    pub stretch: Vec<StretchRest<f64>>,
+    pub hinges: Vec<Hinge>,
+    pub hinge_nodes: Vec<[u32; 4]>,
+    pub hinge_rest: Vec<HingeRest<f64>>,
+    pub elements: Vec<BendElement>,
+}
+
+/// What a device needs of a reference.
+pub(super) struct Measured {
+    pub stretch: Vec<StretchReference<f64>>,
+    pub hinge_edges: Vec<[Vec3; 3]>,
+    pub amounts: Vec<[f64; 3]>,
+    pub energy: f64,
+}
+
+impl Judge {
+    pub fn new(cloth: &Cloth) -> Judge {
+        let elements = element::bend_elements(cloth);
+        Judge {
+            vertices: cloth.node_of_vertex.len(),
+            nodes: cloth.node_count,
+            triangles: cloth.triangles.clone(),
+            weights: elements.iter().map(|e| flat(&e.weights)).collect(),
+            triangle_nodes: (0..cloth.triangles.len()).map(|t| cloth.nodes(t)).collect(),
+            stretch: (0..cloth.triangles.len()).map(|t| element::stretch_rest(cloth, t)).collect(),
+            hinges: cloth.hinges.clone(),
+            hinge_nodes: cloth.hinges.iter().map(|h| element::hinge_nodes(cloth, h)).collect(),
+            hinge_rest: cloth.hinges.iter().map(|h| element::hinge_rest(cloth, h)).collect(),
+            elements,
+        }
+    }
+
+    pub fn check(&self, points: &[Vec3]) -> Result<(), Error> {
+        if points.len() != self.vertices {
+            let (found, expected) = (points.len(), self.vertices);
+            return Err(Error::Length { what: "the reference", found, expected });
+        }
+        match points.iter().position(|p| !p.iter().all(|c| c.is_finite())) {
+            Some(vertex) => Err(Error::NotFinite(vertex)),
+            None => Ok(()),
+        }
+    }
+
+    pub fn measure(&self, points: &[Vec3]) -> Measured {
+        let stretch: Vec<_> = (0..self.triangles.len())
+            .into_par_iter()
+            .with_min_len(GRAIN)
+            .map(|t| stretch::reference(self.columns(points, t)))
+            .collect();
+        let (hinge_edges, bends): (Vec<_>, Vec<f64>) = self
+            .hinges
+            .par_iter()
+            .zip(&self.hinge_rest)
+            .with_min_len(GRAIN)
+            .map(|(hinge, rest)| {
+                let edges = hinge.edges(points);
+                let [e, a, b] = &edges;
+                (edges, hinge::bend(rest.angle, hinge::angle(e, a, b)))
+            })
+            .unzip();
+        let amounts: Vec<[f64; 3]> = self
+            .elements
+            .iter()
+            .zip(&self.weights)
+            .map(|(e, w)| element::amounts(&e.hinges, w, |h| bends[h]))
+            .collect();
+        let energy = self.stretch_energy(&stretch) + bend_energy(&amounts);
+        Measured { stretch, hinge_edges, amounts, energy }
+    }
+
+    fn columns(&self, points: &[Vec3], t: usize) -> [Vec3; 2] {
+        let [p0, p1, p2] = self.triangles[t].map(|v| points[v as usize]);
+        stretch::columns(&self.stretch[t], [p1 - p0, p2 - p0])
+    }
+
+    fn stretch_energy(&self, references: &[StretchReference<f64>]) -> f64 {
+        let still = [Vec3::zeros(); 2];
+        let elements = references.iter().zip(&self.stretch);
+        elements.map(|(r, rest)| stretch::energy(rest, &stretch::stretch(r, still))).sum()
+    }
+
+    pub fn judge(&self, points: &[Vec3]) -> (f64, Vec<Vec3>) {
+        let measured = self.measure(points);
+        let mut gradient = vec![Vec3::zeros(); self.nodes];
+        for (t, nodes) in self.triangle_nodes.iter().enumerate() {
+            let rest = &self.stretch[t];
+            let s = stretch::stretch(&measured.stretch[t], [Vec3::zeros(); 2]);
+            let [w, f] = stretch::gradient(rest, &s);
+            for (&node, [a, b]) in nodes.iter().zip(stretch::shapes(rest)) {
+                gradient[node as usize] += w * a + f * b;
+            }
+        }
+        let hinge_gradients: Vec<[Vec3; 4]> = measured
+            .hinge_edges
+            .par_iter()
+            .zip(&self.hinge_rest)
+            .with_min_len(GRAIN)
+            .map(|([e, a, b], rest)| hinge::gradient(rest, e, a, b))
+            .collect();
+        for (i, element) in self.elements.iter().enumerate() {
+            let rows = element::amount_gradients(&element.hinges, &self.weights[i], |h| hinge_gradients[h]);
+            let c = measured.amounts[i];
+            for (&node, row) in element.nodes.iter().zip(rows) {
+                if node != NONE {
+                    gradient[node as usize] += row[0] * c[0] + row[1] * c[1] + row[2] * c[2];
+                }
+            }
+        }
+        (measured.energy, gradient)
+    }
+}
+
+fn bend_energy(amounts: &[[f64; 3]]) -> f64 {
+    amounts.iter().flatten().map(|c| 0.5 * c * c).sum()
+}

@@ -1,0 +1,36 @@
+// Twin: gather.rs, stretch_gradient.
+struct Count { n: u32, triangles: u32, pad0: u32, pad1: u32 }
+
+@group(0) @binding(0) var<uniform> count: Count;
+@group(0) @binding(1) var<storage, read> start: array<u32>;
+@group(0) @binding(2) var<storage, read> items: array<u32>;
+@group(0) @binding(3) var<storage, read> rest: array<f32>;
+@group(0) @binding(4) var<storage, read> derivatives: array<f32>;
+@group(0) @binding(5) var<storage, read_write> gradient: array<f32>;
+
+// Shape gradient of a triangle's corner along warp and weft.
+fn shape(t: u32, corner: u32) -> vec2<f32> {
+    let a = vec2<f32>(rest[8u * t], rest[8u * t + 1u]);
+    let b = vec2<f32>(rest[8u * t + 2u], rest[8u * t + 3u]);
+    if corner == 0u { return -(a + b); }
+    return select(b, a, corner == 1u);
+}
+
+fn column(at: u32) -> vec3<f32> {
+    return vec3<f32>(derivatives[at], derivatives[at + 1u], derivatives[at + 2u]);
+}
+
+@compute @workgroup_size(64)
+fn main(@builtin(global_invocation_id) gid: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>) {
+    let node = invocation(gid, groups);
+    if node >= count.n { return; }
+    var sum = vec3<f32>(0.0);
+    for (var k = start[node]; k < start[node + 1u]; k++) {
+        let t = items[k] / 4u;
+        let g = shape(t, items[k] % 4u);
+        sum += column(27u * t) * g.x + column(27u * t + 3u) * g.y;
+    }
+    gradient[3u * node] = sum.x;
+    gradient[3u * node + 1u] = sum.y;
+    gradient[3u * node + 2u] = sum.z;
+}

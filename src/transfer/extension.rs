@@ -1,0 +1,87 @@
+//! Cells beyond the narrow band, for points that lie outside of it.
+//!
+//! The band depends on the body pair alone. A point outside of it (a wide hem, a hood; also
+//! a tongue, deep inside of the body) gets cells of its own: those along the straight line
+//! to its closest point of the body, with a ring of cells around, so that they hang together
+//! with the band. They are solved after the band, whose nodes keep their displacement: what
+//! is there does not change, and one garment's extension cannot alter another's.
+
+use std::collections::BTreeSet;
+
+use super::boundary::{Boundary, is_inside};
+use super::domain::{Coordinates, Domain, Kind};
+use super::field::{Field, InnerInfo, Problem};
+use super::{Error, Params};
+use crate::device::Device;
+use crate::geometry::Surface;
+use crate::model::Vec3;
+
+/// The field beyond the band, for those of `points` that the band does not hold; `None` if
+/// it holds all of them.
+///
+/// # Errors
+/// A point farther from the body than `reach` [m], or a device's failure.
+pub fn extend(
+    device: &Device,
+    params: &Params,
+    band: &Field,
+    surface: &Surface,
+    points: &[Vec3],
+    reach: f64,
+) -> Result<Option<(Field, InnerInfo)>, Error> {
+    let lines = lines_to_body(&band.domain, surface, points, reach)?;
+    if lines.is_empty() {
+        return Ok(None);
+    }
+    let mut cells = BTreeSet::new();
+    for &[i, j, k] in &lines {
+        for o in 0..27 {
+            cells.insert([i + o / 9 - 1, j + o / 3 % 3 - 1, k + o % 3 - 1]);
+        }
+    }
+    let lattice = band.domain.lattice;
+    let active = cells
+        .into_iter()
+        .filter(|&cell| band.domain.find_cell(cell).is_none())
+        .map(|cell| {
+            let inside = is_inside(surface, &lattice.centre(cell));
+            (cell, if inside { Kind::Deep } else { Kind::Open })
+        })
+        .collect();
+    let domain = Domain::new(lattice, active)?;
+    let held: Vec<Option<usize>> = domain.nodes.iter().map(|&node| band.domain.find_node(node)).collect();
+    let fixed: Vec<bool> = held.iter().map(Option::is_some).collect();
+    let mut displacement: Vec<Vec3> =
+        held.iter().map(|node| node.map_or_else(Vec3::zeros, |n| band.displacement[n])).collect();
+    let problem = Problem::new(device, params, &domain, &Boundary::default(), &fixed, &displacement)?;
+    let info = problem.solve(&mut displacement)?;
+    Ok(Some((Field { domain, displacement }, info)))
+}
+
+/// Cells outside of the band on the lines from points outside to the body.
+fn lines_to_body(
+    band: &Domain,
+    surface: &Surface,
+    points: &[Vec3],
+    reach: f64,
+) -> Result<BTreeSet<Coordinates>, Error> {
+    let mut cells = BTreeSet::new();
+    for (element, p) in points.iter().enumerate() {
+        if band.locate(p).is_some() {
+            continue;
+        }
+        let closest = surface.closest(p);
+        if closest.distance > reach {
+            return Err(Error::FarPoint { what: String::new(), element, distance: closest.distance, reach });
+        }
+        let steps = (2.0 * closest.distance / band.lattice.cell).ceil().max(1.0) as usize;
+        for step in 0..=steps {
+            let at = band.lattice.cell_of(&p.lerp(&closest.point, step as f64 / steps as f64));
+            if band.find_cell(at).is_some() {
+                break;
+            }
+            cells.insert(at);
+        }
+    }
+    Ok(cells)
+}
