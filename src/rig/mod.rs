@@ -16,8 +16,6 @@
 
 mod inpaint;
 mod search;
-#[cfg(test)]
-mod tests;
 
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
