@@ -176,6 +176,7 @@ pub struct Output {
 
 /// Why a garment could not be draped.
 #[derive(Debug, ThisError)]
+#[expect(missing_docs, reason = "the messages name the fields")]
 pub enum Error {
     /// The arrays do not fit the garment.
     #[error("{garment}: {what} has {found} elements, {expected} expected")]

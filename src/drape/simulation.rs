@@ -296,7 +296,7 @@ impl<'a> Simulation<'a> {
         let lag = |s: &Stencil| {
             let force = s.normal_force();
             let mu = self.friction[s.nodes[0] as usize];
-            (force * mu > 0.0).then(|| Stencil {
+            (force * mu > 0.0).then_some(Stencil {
                 kind: Kind::Friction,
                 gap: 0.0,
                 radius: self.params.friction_speed * h,
