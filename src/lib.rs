@@ -34,6 +34,7 @@ pub fn kernels() -> Vec<&'static device::Kernel> {
         solve::bsr::KERNELS,
         transfer::KERNELS,
         drape::elastic::KERNELS,
+        drape::contact::KERNELS,
     ]
     .concat()
 }

@@ -242,7 +242,9 @@ pub fn fit(
     let mut reports = Vec::new();
     let mut broken = Vec::new();
     let parts = transferred.into_iter().zip(patterns).zip(draped).zip(skins).zip(certificates);
-    for (garment, ((((transferred, pattern), draped), skin), certificate)) in outfit.garments.iter().zip(parts) {
+    for (garment, ((((transferred, pattern), draped), skin), certificate)) in
+        outfit.garments.iter().zip(parts)
+    {
         let report = GarmentReport {
             name: garment.name.clone(),
             path: garment.path.clone(),
@@ -314,7 +316,8 @@ fn transfer_all(
 ) -> Result<Vec<(Vec<Vec3>, transfer::Info)>, Error> {
     let mut results = vec![None; outfit.garments.len()];
     for (b, body) in outfit.bodies.iter().enumerate() {
-        let members: Vec<usize> = (0..outfit.garments.len()).filter(|&g| outfit.garments[g].body == b).collect();
+        let members: Vec<usize> =
+            (0..outfit.garments.len()).filter(|&g| outfit.garments[g].body == b).collect();
         if members.is_empty() {
             continue;
         }
@@ -381,7 +384,8 @@ fn certify(
     patterns: &[(Vec<Vec2>, pattern::Info)],
     skins: &[(Skin, rig::Info)],
 ) -> Vec<Certificate> {
-    let sources: Vec<Surface> = outfit.bodies.iter().map(|b| Surface::new(outer_skin_mesh(&b.body))).collect();
+    let sources: Vec<Surface> =
+        outfit.bodies.iter().map(|b| Surface::new(outer_skin_mesh(&b.body))).collect();
     let garments: Vec<certificate::Dressed<'_>> = (0..outfit.garments.len())
         .map(|g| certificate::Dressed {
             garment: &outfit.garments[g],

@@ -379,7 +379,11 @@ fn check(input: &Input<'_>, params: &Params) -> Result<(), Error> {
         }
     }
     if !(params.gravity.is_finite() && params.gravity >= 0.0) {
-        return Err(Error::Setting { name: "gravity", value: params.gravity, rule: "finite and not negative" });
+        return Err(Error::Setting {
+            name: "gravity",
+            value: params.gravity,
+            rule: "finite and not negative",
+        });
     }
     Ok(())
 }

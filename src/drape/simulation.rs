@@ -129,7 +129,8 @@ impl<'a> Simulation<'a> {
 
     /// Mean weight of a node [N] (with standard gravity where there is none).
     pub fn node_weight(&self) -> f64 {
-        let free: Vec<f64> = self.masses.iter().zip(&self.pinned).filter(|(_, p)| !**p).map(|(m, _)| *m).collect();
+        let free: Vec<f64> =
+            self.masses.iter().zip(&self.pinned).filter(|(_, p)| !**p).map(|(m, _)| *m).collect();
         let g = if self.params.gravity > 0.0 { self.params.gravity } else { 9.81 };
         g * free.iter().sum::<f64>() / free.len().max(1) as f64
     }
@@ -165,9 +166,16 @@ impl<'a> Simulation<'a> {
         }
         self.contact.refresh(&points);
         let contacts = self.contact.contacts(&points);
-        let target = (0..self.x.len())
-            .map(|i| if self.pinned[i] { self.x[i] } else { self.x[i] + self.v[i] * h + self.gravity * (h * h) })
-            .collect();
+        let target =
+            (0..self.x.len())
+                .map(|i| {
+                    if self.pinned[i] {
+                        self.x[i]
+                    } else {
+                        self.x[i] + self.v[i] * h + self.gravity * (h * h)
+                    }
+                })
+                .collect();
         let friction = self.lag_friction(&contacts, h);
         let problem = Problem { start: self.x.clone(), target, inertia: 1.0 / (h * h), friction };
         let (x, info) = self.minimise(&problem)?;

@@ -63,8 +63,7 @@ pub fn size(garment: &Garment, outline: &Outline) -> usize {
 /// The whole energy.
 pub fn assemble(garment: &Garment, bindings: &[Binding], outline: &Outline, weights: Weights) -> Quadratic {
     let n = garment.points.len();
-    let mut form =
-        Quadratic { right: vec![0.0; size(garment, outline)], ..Quadratic::default() };
+    let mut form = Quadratic { right: vec![0.0; size(garment, outline)], ..Quadratic::default() };
     for (tri, binding) in garment.triangles.iter().zip(bindings) {
         add_strain(&mut form, n, tri, binding);
     }
@@ -110,11 +109,8 @@ fn add_outline(form: &mut Quadratic, n: usize, outline: &Outline, weight: f64) {
         for (j, rest) in &hood.arms {
             let w = outline.arm_weight(weight, hood, rest);
             for axis in 0..2 {
-                let c = [
-                    (axis * n + *j as usize, 1.0),
-                    (axis * n + i, -1.0),
-                    (2 * n + hood.scale, -rest[axis]),
-                ];
+                let c =
+                    [(axis * n + *j as usize, 1.0), (axis * n + i, -1.0), (2 * n + hood.scale, -rest[axis])];
                 form.add_square(w, &c, 0.0);
             }
         }

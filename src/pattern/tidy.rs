@@ -41,7 +41,9 @@ pub fn area_ratio(garment: &Garment, pattern: &[Vec2], t: usize) -> f64 {
 pub fn flipped(garment: &Garment, pattern: &[Vec2]) -> Vec<u32> {
     // A NaN counts as flipped.
     (0..garment.triangles.len())
-        .filter(|&t| area_ratio(garment, pattern, t).partial_cmp(&SMALLEST_AREA) != Some(std::cmp::Ordering::Greater))
+        .filter(|&t| {
+            area_ratio(garment, pattern, t).partial_cmp(&SMALLEST_AREA) != Some(std::cmp::Ordering::Greater)
+        })
         .map(|t| t as u32)
         .collect()
 }
@@ -50,7 +52,12 @@ pub fn flipped(garment: &Garment, pattern: &[Vec2]) -> Vec<u32> {
 ///
 /// # Errors
 /// [`Error::Solve`] if the Laplacian cannot be factored.
-pub fn dirichlet(garment: &Garment, pinned: &[bool], pattern: &[Vec2], positive: bool) -> Result<Vec<Vec2>, Error> {
+pub fn dirichlet(
+    garment: &Garment,
+    pinned: &[bool],
+    pattern: &[Vec2],
+    positive: bool,
+) -> Result<Vec<Vec2>, Error> {
     let mut unknown = vec![usize::MAX; pinned.len()];
     let mut count = 0;
     for v in 0..pinned.len() {
@@ -174,9 +181,8 @@ fn blend(garment: &Garment, pattern: &mut [Vec2]) {
     let (from, to) = (mean(&garment.pattern), mean(pattern));
     let upright: Vec<Vec2> = garment.pattern.iter().map(|p| to + (p - from) * scale).collect();
     let start = pattern.to_vec();
-    let mix = |s: f64| -> Vec<Vec2> {
-        start.iter().zip(&upright).map(|(p, q)| p * (1.0 - s) + q * s).collect()
-    };
+    let mix =
+        |s: f64| -> Vec<Vec2> { start.iter().zip(&upright).map(|(p, q)| p * (1.0 - s) + q * s).collect() };
     let (mut low, mut high) = (0.0, 1.0);
     for _ in 0..BLEND_STEPS {
         let middle = 0.5 * (low + high);

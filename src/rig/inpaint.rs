@@ -68,7 +68,9 @@ fn laplacian(cloth: &TriMesh) -> Vec<Vec<(usize, f64)>> {
         for k in 0..3 {
             let (i, j) = (tri[(k + 1) % 3] as usize, tri[(k + 2) % 3] as usize);
             let (a, b) = (p[(k + 1) % 3] - p[k], p[(k + 2) % 3] - p[k]);
-            let half = 0.5 * (a.dot(&b) / a.cross(&b).norm().max(f64::MIN_POSITIVE)).clamp(-MOST_COTANGENT, MOST_COTANGENT);
+            let half = 0.5
+                * (a.dot(&b) / a.cross(&b).norm().max(f64::MIN_POSITIVE))
+                    .clamp(-MOST_COTANGENT, MOST_COTANGENT);
             for (r, c) in [(i, j), (j, i)] {
                 rows[r].push((r, half));
                 rows[r].push((c, -half));
@@ -77,7 +79,12 @@ fn laplacian(cloth: &TriMesh) -> Vec<Vec<(usize, f64)>> {
     }
     for row in &mut rows {
         row.sort_by_key(|e| e.0);
-        row.dedup_by(|b, a| a.0 == b.0 && { a.1 += b.1; true });
+        row.dedup_by(|b, a| {
+            a.0 == b.0 && {
+                a.1 += b.1;
+                true
+            }
+        });
     }
     rows
 }

@@ -16,8 +16,6 @@
 
 mod inpaint;
 mod search;
-#[cfg(test)]
-mod tests;
 
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
@@ -102,7 +100,12 @@ type Weights = Vec<(u32, f64)>;
 ///
 /// # Errors
 /// Arrays that do not fit together, see [`Error`].
-pub fn run(character: &Character, garment: &Garment, points: &[Vec3], params: &Params) -> Result<(Skin, Info), Error> {
+pub fn run(
+    character: &Character,
+    garment: &Garment,
+    points: &[Vec3],
+    params: &Params,
+) -> Result<(Skin, Info), Error> {
     check(character, garment, points, params)?;
     let groups = &garment.groups;
     let cloth = node_mesh(garment, points);
@@ -110,8 +113,11 @@ pub fn run(character: &Character, garment: &Garment, points: &[Vec3], params: &P
     let (pieces, piece_count) = cloth.components();
     let found = search::run(&cloth, &pieces, piece_count, &body.surface, params);
 
-    let mut weights: Vec<Option<Weights>> =
-        found.matches.iter().map(|m| m.as_ref().map(|at| body.weights(at.triangle, &at.barycentric))).collect();
+    let mut weights: Vec<Option<Weights>> = found
+        .matches
+        .iter()
+        .map(|m| m.as_ref().map(|at| body.weights(at.triangle, &at.barycentric)))
+        .collect();
     let matched: Vec<bool> = weights.iter().map(Option::is_some).collect();
     let mut has_match = vec![false; piece_count];
     (0..cloth.points.len()).filter(|&n| matched[n]).for_each(|n| has_match[pieces[n] as usize] = true);
@@ -194,7 +200,12 @@ impl<'a> Body<'a> {
             }
         }
         weights.sort_by_key(|w| w.0);
-        weights.dedup_by(|b, a| a.0 == b.0 && { a.1 += b.1; true });
+        weights.dedup_by(|b, a| {
+            a.0 == b.0 && {
+                a.1 += b.1;
+                true
+            }
+        });
         weights.retain(|w| w.1 > 0.0);
         weights
     }

@@ -34,8 +34,12 @@ pub(super) fn run(
     let mut normals = smoothed_normals(cloth, params.smoothing);
     let turned = turn_outward(cloth, pieces, piece_count, body, &mut normals);
     let agree = params.cone.to_radians().cos();
-    let matches =
-        cloth.points.par_iter().zip(&normals).map(|(p, n)| behind(p, n, body, params.distance, agree)).collect();
+    let matches = cloth
+        .points
+        .par_iter()
+        .zip(&normals)
+        .map(|(p, n)| behind(p, n, body, params.distance, agree))
+        .collect();
     Found { matches, turned }
 }
 
@@ -78,7 +82,13 @@ fn smoothed_normals(cloth: &TriMesh, rounds: usize) -> Vec<Vec3> {
 }
 
 /// Turns the normals of pieces that face the body more than they face away from it.
-fn turn_outward(cloth: &TriMesh, pieces: &[u32], count: usize, body: &Surface, normals: &mut [Vec3]) -> usize {
+fn turn_outward(
+    cloth: &TriMesh,
+    pieces: &[u32],
+    count: usize,
+    body: &Surface,
+    normals: &mut [Vec3],
+) -> usize {
     let areas = cloth.point_areas();
     let votes: Vec<f64> = (0..cloth.points.len())
         .into_par_iter()

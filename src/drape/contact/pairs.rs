@@ -176,7 +176,8 @@ impl Scene<'_> {
             let gap = role.shape().gap(&source);
             pair.radius = radius.min(SOURCE_SHARE * gap.norm());
             if tangled.contains(&(role, a, b)) {
-                let sign = if gap.norm() < SIDE_REACH { orientation(role, &source, &gap).signum() } else { 0.0 };
+                let sign =
+                    if gap.norm() < SIDE_REACH { orientation(role, &source, &gap).signum() } else { 0.0 };
                 pair.mode = Mode::Wrong { sign };
             }
             Some(pair)
