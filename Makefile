@@ -101,8 +101,9 @@ test-python: $(VENV)/.built $(VENV)/.test-packages ## The package's tests.
 bench: $(VENV)/.built $(VENV)/.test-packages ## Benchmarks; with DRESSFORM_DATA, all pairs too.
 	@if compgen -G 'benches/*.rs' > /dev/null; then cargo bench --package dressform --locked; \
 		else echo "skipped: there is no Rust benchmark"; fi
-	@if [ -f benches/run.py ]; then $(BIN)/python benches/run.py; \
-		else echo "skipped: there is no benchmark over pairs"; fi
+	@if [ -d "$${DRESSFORM_DATA:-}" ]; then \
+		PATH="$(CURDIR)/$(BIN):$$PATH" $(BIN)/python benches/all_pairs.py "$$DRESSFORM_DATA" $(OUT)/pairs; \
+	else echo "skipped: the table over all pairs (DRESSFORM_DATA names no folder)"; fi
 
 .PHONY: lock
 lock: $(VENV)/.test-packages ## Pin the newest versions of all Python packages.

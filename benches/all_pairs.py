@@ -37,7 +37,9 @@ def fit(outfit: Path, character: Path, out: Path, device: str) -> dict:
     """One fit; its JSON, with the exit code and wall seconds."""
     started = time.perf_counter()
     command = [sys.executable, "-m", "dressform", "fit", str(outfit), str(character), "-o", str(out)]
-    done = subprocess.run([*command, "--device", device, "--json"], capture_output=True, text=True, check=False)
+    done = subprocess.run(
+        [*command, "--device", device, "--json"], capture_output=True, text=True, check=False
+    )
     result: dict = {"garments": []}
     if done.returncode in (0, 1):
         result = json.loads(done.stdout)
@@ -69,7 +71,9 @@ def rows(outfit: str, character: str, result: dict) -> list[str]:
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("data", type=Path)
     parser.add_argument("out", type=Path)
     parser.add_argument("--only", nargs="*", default=[], metavar="OUTFIT:CHARACTER")
@@ -83,11 +87,18 @@ def main() -> int:
         name = f"{outfit.stem}:{character.stem}"
         if options.only and name not in options.only:
             continue
-        result = fit(outfit, character, options.out / f"{outfit.stem}_on_{character.stem}.usda", options.device)
+        result = fit(
+            outfit, character, options.out / f"{outfit.stem}_on_{character.stem}.usda", options.device
+        )
         (options.out / f"{outfit.stem}_on_{character.stem}.json").write_text(json.dumps(result, indent=1))
         exits[result["exit"]] = exits.get(result["exit"], 0) + 1
         table += rows(outfit.stem, character.stem, result)
-        print(f"{name}: exit {result['exit']}, {result['wall']:.0f} s", *result.get("broken", []), sep="\n  ", flush=True)
+        print(
+            f"{name}: exit {result['exit']}, {result['wall']:.0f} s",
+            *result.get("broken", []),
+            sep="\n  ",
+            flush=True,
+        )
     summary = ", ".join(f"{count} exit {code}" for code, count in sorted(exits.items()))
     print(f"{sum(exits.values())} pairs: {summary}")
     if options.table:

@@ -7,8 +7,8 @@ draws off screen; where there is no display, VTK needs EGL or OSMesa from the sy
 
 from .fields import signed_distance, stretch
 from .flat import draw_patterns
-from .scene import by_distance, by_panel, by_strain, dressed
 from .page import VIEWS, Item, Row, sheet
+from .scene import by_distance, by_panel, by_strain, dressed
 from .stage import draw_stage
 
 __all__ = [
