@@ -170,6 +170,9 @@ pub struct Info {
 pub struct Output {
     /// Vertices [m], shape `[vertices, 3]`.
     pub points: Vec<Vec3>,
+    /// Rest offset of each vertex from its node, as re-measured after the transfer and turned
+    /// with the cloth [m], shape `[vertices, 3]`.
+    pub rest_offsets: Vec<Vec3>,
     /// What was achieved.
     pub info: Info,
 }
@@ -247,7 +250,11 @@ pub fn run_with_progress(
     info.at_rest = info.residual <= params.rest_tolerance;
     info.contacts = simulation.contact.contacts(&simulation.points()).stencils.len();
     progress(1.0, "done");
-    Ok(Output { points: simulation.offsets.vertices(&simulation.x), info })
+    Ok(Output {
+        points: simulation.offsets.vertices(&simulation.x),
+        rest_offsets: simulation.offsets.vectors().to_vec(),
+        info,
+    })
 }
 
 /// Untangles further while anything crosses.
