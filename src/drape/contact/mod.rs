@@ -1,0 +1,131 @@
+//! Contact: which primitives are near, how they resist, and how far they may move.
+//!
+//! *Clean* pairs (point and triangle, edge and edge; cloth against collider and cloth against
+//! itself) resist by a barrier over their distance and are never crossed: a move is cut
+//! where additive continuous collision detection says so, which keeps clean what is clean.
+//! *Tangled* primitives are found by exact orientation tests, pseudo-normals and winding
+//! numbers where a step starts, and get springs along signed distances instead, which may
+//! pass; once they are through, the next step counts them as clean.
+//!
+//! The sides of tangled pairs: a collider's outward pseudo-normal; for two parts of one
+//! garment, the side that they have to each other on the source body.
+//!
+//! Broad phase, narrow phase and collision detection run on the host in f64; potentials,
+//! their derivatives and the Hessian product run on the device ([`stencil`]).
+
+pub mod activation;
+pub mod ccd;
+pub mod crossing;
+pub mod distance;
+pub mod fixed;
+pub mod narrow;
+pub mod pairs;
+pub mod sheet;
+pub mod stencil;
+pub mod tree;
+
+use rayon::prelude::*;
+
+use crossing::Tangles;
+use narrow::Contacts;
+use pairs::{Mode, Pair, Radii, Scene};
+
+use crate::device::Kernel;
+use crate::model::Vec3;
+
+/// All kernels of this module, for the tests that validate WGSL.
+pub const KERNELS: &[&Kernel] = stencil::KERNELS;
+
+/// Pairs this much farther apart than their radius are found by the broad phase [m].
+const MARGIN: f64 = 6e-3;
+
+/// The contact problem of one garment.
+pub struct Contact<'a> {
+    /// Cloth and colliders.
+    pub scene: Scene<'a>,
+    radii: Radii,
+    /// A pair's stiffness [N/m].
+    stiffness: f64,
+    tangles: Tangles,
+    pairs: Vec<Pair>,
+    inside: Vec<(u16, u32, f64)>,
+    built_at: Vec<Vec3>,
+}
+
+impl<'a> Contact<'a> {
+    /// Sets the problem up, classified at the contact points `x`.
+    pub fn new(scene: Scene<'a>, radii: Radii, stiffness: f64, x: &[Vec3]) -> Contact<'a> {
+        let mut contact = Contact {
+            scene,
+            radii,
+            stiffness,
+            tangles: Tangles::default(),
+            pairs: Vec::new(),
+            inside: Vec::new(),
+            built_at: Vec::new(),
+        };
+        contact.classify(x);
+        contact
+    }
+
+    /// What was tangled at the last classification.
+    pub fn tangles(&self) -> &Tangles {
+        &self.tangles
+    }
+
+    /// Finds what is tangled at `x`, and all pairs anew.
+    pub fn classify(&mut self, x: &[Vec3]) {
+        self.tangles = Tangles::find(&self.scene.sheet, &self.scene.colliders, x);
+        self.inside.clear();
+        for (c, inside) in self.tangles.inside.iter().enumerate() {
+            let points = inside.iter().enumerate().filter(|(_, inside)| **inside);
+            self.inside.extend(points.map(|(p, _)| (c as u16, p as u32, self.radii.collider[c])));
+        }
+        self.build(x);
+    }
+
+    fn build(&mut self, x: &[Vec3]) {
+        let largest = self.radii.collider.iter().copied().fold(self.radii.own, f64::max);
+        self.pairs = self.scene.pairs(x, &self.radii, largest + MARGIN, &self.tangles);
+        self.built_at = x.to_vec();
+    }
+
+    /// How far every point may still move before the pairs are searched again [m].
+    fn budget(&self, x: &[Vec3]) -> f64 {
+        let moved = x.iter().zip(&self.built_at).map(|(x, b)| (x - b).norm()).fold(0.0, f64::max);
+        0.5 * MARGIN - moved
+    }
+
+    /// Searches pairs again if less than half of the budget of moves is left; returns whether
+    /// it did and the longest move that the pairs allow now [m].
+    pub fn refresh(&mut self, x: &[Vec3]) -> (bool, f64) {
+        let left = self.budget(x);
+        if left > 0.25 * MARGIN {
+            return (false, left);
+        }
+        self.build(x);
+        (true, 0.5 * MARGIN)
+    }
+
+    /// The contacts at `x`.
+    pub fn contacts(&self, x: &[Vec3]) -> Contacts {
+        narrow::contacts(&self.scene, &self.pairs, &self.inside, x, self.stiffness)
+    }
+
+    /// The share of the move `dx` (at most 1) that no clean pair forbids.
+    pub fn free_share(&self, x: &[Vec3], dx: &[Vec3], contacts: &Contacts) -> f64 {
+        let share = |(pair, &d): (&Pair, &f64)| {
+            if !matches!(pair.mode, Mode::Clean) {
+                return 1.0;
+            }
+            let (corners, ids) = self.scene.corners(pair, x);
+            let moves = ids.map(|i| dx.get(i as usize).copied().unwrap_or_else(Vec3::zeros));
+            let longest = moves.iter().map(Vec3::norm).fold(0.0, f64::max);
+            if 2.0 * longest < 0.9 * d {
+                return 1.0;
+            }
+            ccd::free_share(pair.role.shape(), corners, moves, 1.0)
+        };
+        self.pairs.par_iter().zip(&contacts.distances).map(share).reduce(|| 1.0, f64::min)
+    }
+}

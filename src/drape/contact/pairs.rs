@@ -1,0 +1,257 @@
+//! Broad phase: the pairs of primitives that can come into contact before the next search.
+
+use std::collections::HashSet;
+
+use rayon::prelude::*;
+
+use super::ccd::Shape;
+use super::crossing::Tangles;
+use super::fixed::Fixed;
+use super::sheet::Sheet;
+use super::tree::{BoxTree, bounds};
+use crate::model::Vec3;
+
+/// Share of the distance on the source at which a pair of one garment starts to resist.
+const SOURCE_SHARE: f64 = 0.9;
+/// Pairs of one garment closer than this on the source remember their sides [m].
+const SIDE_REACH: f64 = 0.015;
+/// Marks a corner that belongs to a collider.
+pub const FIXED: u32 = u32::MAX;
+
+/// Who the two primitives are.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub enum Role {
+    /// Contact point `a`, collider triangle `b`.
+    OnCollider,
+    /// Collider point `a`, cloth triangle `b`.
+    UnderCloth,
+    /// Cloth edge `a`, collider edge `b`.
+    EdgeCollider,
+    /// Contact point `a`, cloth triangle `b`.
+    OwnFace,
+    /// Cloth edges `a` and `b`.
+    OwnEdges,
+}
+
+impl Role {
+    /// Its closest-point problem.
+    pub fn shape(self) -> Shape {
+        match self {
+            Role::EdgeCollider | Role::OwnEdges => Shape::SegmentSegment,
+            _ => Shape::PointTriangle,
+        }
+    }
+}
+
+/// How a pair is treated during a step.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Mode {
+    /// On its right side: barrier, never crossed.
+    Clean,
+    /// Starts tangled: spring along the signed distance, may pass. Pairs of one garment have
+    /// the sign that the gap has on the source; colliders know theirs.
+    Wrong { sign: f64 },
+}
+
+/// A pair of primitives.
+#[derive(Clone, Copy, Debug)]
+pub struct Pair {
+    /// Who they are.
+    pub role: Role,
+    /// Collider, where there is one.
+    pub collider: u16,
+    /// See [`Role`].
+    pub a: u32,
+    /// See [`Role`].
+    pub b: u32,
+    /// Distance at which it resists [m].
+    pub radius: f64,
+    /// Treatment.
+    pub mode: Mode,
+}
+
+/// Everything that poses closest-point problems.
+pub struct Scene<'a> {
+    /// The cloth.
+    pub sheet: Sheet,
+    /// What does not move.
+    pub colliders: Vec<Fixed<'a>>,
+}
+
+impl Scene<'_> {
+    /// The four points of a pair, and which contact points they are ([`FIXED`] if none).
+    pub fn corners(&self, pair: &Pair, x: &[Vec3]) -> ([Vec3; 4], [u32; 4]) {
+        let (sheet, a, b) = (&self.sheet, pair.a as usize, pair.b as usize);
+        let own = |ids: [u32; 4]| (ids.map(|i| x[i as usize]), ids);
+        match pair.role {
+            Role::OwnFace => {
+                let t = sheet.triangles[b];
+                own([pair.a, t[0], t[1], t[2]])
+            }
+            Role::OwnEdges => {
+                let (p, q) = (sheet.edges.ends[a], sheet.edges.ends[b]);
+                own([p[0], p[1], q[0], q[1]])
+            }
+            Role::OnCollider => {
+                let [p, q, r] = self.colliders[pair.collider as usize].mesh().corners(b);
+                ([x[a], p, q, r], [pair.a, FIXED, FIXED, FIXED])
+            }
+            Role::UnderCloth => {
+                let t = sheet.triangles[b];
+                let p = self.colliders[pair.collider as usize].mesh().points[a];
+                let [t0, t1, t2] = t.map(|i| x[i as usize]);
+                ([p, t0, t1, t2], [FIXED, t[0], t[1], t[2]])
+            }
+            Role::EdgeCollider => {
+                let e = sheet.edges.ends[a];
+                let collider = &self.colliders[pair.collider as usize];
+                let [p, q] = collider.edges.ends[b].map(|i| collider.mesh().points[i as usize]);
+                ([x[e[0] as usize], x[e[1] as usize], p, q], [e[0], e[1], FIXED, FIXED])
+            }
+        }
+    }
+
+    /// All pairs closer than `reach`, in a fixed order.
+    pub fn pairs(&self, x: &[Vec3], radii: &Radii, reach: f64, tangles: &Tangles) -> Vec<Pair> {
+        let mut pairs = Vec::new();
+        for c in 0..self.colliders.len() {
+            pairs.extend(self.on_collider(c, x, radii.collider[c], reach, tangles));
+        }
+        pairs.extend(self.own(x, radii.own, reach, tangles));
+        pairs
+    }
+
+    fn distance(&self, pair: &Pair, x: &[Vec3]) -> f64 {
+        pair.role.shape().gap(&self.corners(pair, x).0).norm()
+    }
+
+    fn on_collider(&self, c: usize, x: &[Vec3], radius: f64, reach: f64, tangles: &Tangles) -> Vec<Pair> {
+        let (sheet, collider) = (&self.sheet, &self.colliders[c]);
+        let (inside, crossed) = (&tangles.inside[c], &tangles.edges[c]);
+        let wrong = Mode::Wrong { sign: 1.0 };
+        let pair = |role, a, b, mode| Pair { role, collider: c as u16, a, b, radius, mode };
+        let keep = |p: &Pair| self.distance(p, x) < reach;
+        let points = gather(x.len(), |v, list| {
+            // A point inside has one spring of its own, see `narrow`.
+            if !inside[v] {
+                collider.triangle_tree.query(&bounds(&[x[v]], reach), &mut |t| {
+                    list.extend(Some(pair(Role::OnCollider, v as u32, t, Mode::Clean)).filter(keep));
+                });
+            }
+        });
+        let faces = gather(sheet.triangles.len(), |t, list| {
+            let tri = sheet.triangles[t];
+            let tangled = tangles.triangles[c][t] || tri.iter().any(|&p| inside[p as usize]);
+            let mode = if tangled { wrong } else { Mode::Clean };
+            collider.point_tree.query(&bounds(&tri.map(|i| x[i as usize]), reach), &mut |p| {
+                if collider.used[p as usize] {
+                    list.extend(Some(pair(Role::UnderCloth, p, t as u32, mode)).filter(keep));
+                }
+            });
+        });
+        let edges = gather(sheet.edges.ends.len(), |e, list| {
+            let ends = sheet.edges.ends[e];
+            let tangled = crossed[e] || ends.iter().any(|&p| inside[p as usize]);
+            let mode = if tangled { wrong } else { Mode::Clean };
+            collider.edge_tree.query(&bounds(&ends.map(|i| x[i as usize]), reach), &mut |f| {
+                list.extend(Some(pair(Role::EdgeCollider, e as u32, f, mode)).filter(keep));
+            });
+        });
+        [points, faces, edges].concat()
+    }
+
+    fn own(&self, x: &[Vec3], radius: f64, reach: f64, tangles: &Tangles) -> Vec<Pair> {
+        let sheet = &self.sheet;
+        let tangled = self.tangled(&tangles.own);
+        let corners = |t: &[u32; 3]| bounds(&t.map(|i| x[i as usize]), 0.0);
+        let ends = |e: &[u32; 2]| bounds(&e.map(|i| x[i as usize]), 0.0);
+        let faces_tree = BoxTree::new(sheet.triangles.iter().map(corners));
+        let edges_tree = BoxTree::new(sheet.edges.ends.iter().map(ends));
+        let make = |role, a, b| {
+            let mut pair = Pair { role, collider: 0, a, b, radius, mode: Mode::Clean };
+            if self.distance(&pair, x) >= reach {
+                return None;
+            }
+            let (source, _) = self.corners(&pair, &sheet.source);
+            let gap = role.shape().gap(&source);
+            pair.radius = radius.min(SOURCE_SHARE * gap.norm());
+            if tangled.contains(&(role, a, b)) {
+                let sign = if gap.norm() < SIDE_REACH { orientation(role, &source, &gap).signum() } else { 0.0 };
+                pair.mode = Mode::Wrong { sign };
+            }
+            Some(pair)
+        };
+        let faces = gather(x.len(), |v, list| {
+            faces_tree.query(&bounds(&[x[v]], reach), &mut |t| {
+                if !sheet.share_node(&[v as u32], &sheet.triangles[t as usize]) {
+                    list.extend(make(Role::OwnFace, v as u32, t));
+                }
+            });
+        });
+        let edges = gather(sheet.edges.ends.len(), |e, list| {
+            let own = sheet.edges.ends[e];
+            edges_tree.query(&bounds(&own.map(|i| x[i as usize]), reach), &mut |f| {
+                if (f as usize) > e && !sheet.share_node(&own, &sheet.edges.ends[f as usize]) {
+                    list.extend(make(Role::OwnEdges, e as u32, f));
+                }
+            });
+        });
+        [faces, edges].concat()
+    }
+
+    /// Pairs that take part in a crossing of an edge and a triangle.
+    fn tangled(&self, own: &[[u32; 2]]) -> HashSet<(Role, u32, u32)> {
+        let edges = &self.sheet.edges;
+        let mut set = HashSet::new();
+        for &[e, t] in own {
+            for f in edges.of_triangle[t as usize] {
+                set.insert((Role::OwnEdges, e.min(f), e.max(f)));
+            }
+            for p in edges.ends[e as usize] {
+                set.insert((Role::OwnFace, p, t));
+            }
+            for &s in &edges.triangles[e as usize] {
+                for p in self.sheet.triangles[t as usize] {
+                    set.insert((Role::OwnFace, p, s));
+                }
+                for f in edges.of_triangle[s as usize] {
+                    for g in edges.of_triangle[t as usize] {
+                        set.insert((Role::OwnEdges, f.min(g), f.max(g)));
+                    }
+                }
+            }
+        }
+        set
+    }
+}
+
+/// The gap's component along the triangle's normal, or along the edges' cross product.
+pub fn orientation(role: Role, x: &[Vec3; 4], gap: &Vec3) -> f64 {
+    match role.shape() {
+        Shape::PointTriangle => gap.dot(&(x[2] - x[1]).cross(&(x[3] - x[1]))),
+        Shape::SegmentSegment => gap.dot(&(x[1] - x[0]).cross(&(x[3] - x[2]))),
+    }
+}
+
+/// Distances at which pairs resist [m].
+#[derive(Clone, Debug)]
+pub struct Radii {
+    /// For each collider.
+    pub collider: Vec<f64>,
+    /// Between parts of the garment.
+    pub own: f64,
+}
+
+/// Lists for `n` elements, computed in parallel, each sorted, in the order of the elements.
+fn gather(n: usize, f: impl Fn(usize, &mut Vec<Pair>) + Sync) -> Vec<Pair> {
+    let lists: Vec<Vec<Pair>> = (0..n)
+        .into_par_iter()
+        .map(|i| {
+            let mut list = Vec::new();
+            f(i, &mut list);
+            list.sort_unstable_by_key(|p| (p.a, p.b));
+            list
+        })
+        .collect();
+    lists.concat()
+}

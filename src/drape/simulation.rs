@@ -1,0 +1,301 @@
+//! One time step: implicit Euler as a minimisation, by projected Newton.
+//!
+//! With `y = x_n + h v_n + h^2 g` the step minimises
+//! ```text
+//! |x - y|_M^2 / (2 h^2) + elastic(x) + contact(x) + friction(x; lagged)
+//! ```
+//! The normal forces and tangent planes of friction are those at the start of the step. Every
+//! iteration solves with the device's `f32` matrix (block-Jacobi conjugate gradients); the
+//! gradient, the line search and the residual are `f64` on the host. Since the reference of
+//! the device's displacements is rebased at every accepted iterate, rounding in the matrix
+//! costs iterations and never accuracy.
+
+use super::contact::narrow::Contacts;
+use super::contact::stencil::{Kind, Stencil};
+use super::contact::{Contact, pairs::Radii, pairs::Scene};
+use super::elastic::Elastic;
+use super::offsets::Offsets;
+use super::system::System;
+use super::{Error, Params};
+use crate::device::Device;
+use crate::model::Vec3;
+use crate::solve::cg::CgParams;
+
+/// Decrease that a step must bring, as a share of what the slope promises [Armijo 1966].
+const ARMIJO: f64 = 1e-4;
+/// Shortest share of a Newton step that is tried.
+const SHORTEST: f64 = 1e-7;
+/// Energies closer than this share of themselves are equal up to rounding.
+const ROUNDING: f64 = 1e-14;
+
+/// What a step achieved.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct StepInfo {
+    /// Newton iterations.
+    pub newton: usize,
+    /// Conjugate-gradient iterations.
+    pub cg: usize,
+    /// Largest unbalanced force on a node over the mean node weight.
+    pub residual: f64,
+    /// Whether the residual reached the tolerance.
+    pub converged: bool,
+}
+
+/// A cloth in motion.
+pub struct Simulation<'a> {
+    pub(super) device: &'a Device,
+    pub(super) params: &'a Params,
+    pub(super) elastic: Elastic,
+    pub(super) system: System,
+    pub(super) contact: Contact<'a>,
+    pub(super) offsets: Offsets,
+    /// Node masses [kg].
+    pub(super) masses: Vec<f64>,
+    /// Friction coefficient of each node.
+    pub(super) friction: Vec<f64>,
+    /// Nodes that do not move.
+    pub(super) pinned: Vec<bool>,
+    /// Acceleration of gravity [m/s^2].
+    pub(super) gravity: Vec3,
+    /// Node positions [m].
+    pub x: Vec<Vec3>,
+    /// Node velocities [m/s].
+    pub v: Vec<Vec3>,
+    /// Lagged friction of the last step.
+    lagged: Vec<Stencil>,
+    /// Displacements in the last step [m].
+    moved: Vec<Vec3>,
+}
+
+/// What a step minimises over.
+struct Problem {
+    start: Vec<Vec3>,
+    target: Vec<Vec3>,
+    inertia: f64,
+    friction: Vec<Stencil>,
+}
+
+/// The objective and its gradient at one configuration.
+struct Here {
+    vertices: Vec<Vec3>,
+    points: Vec<Vec3>,
+    moved: Vec<Vec3>,
+    energy: f64,
+    gradient: Vec<Vec3>,
+    contacts: Contacts,
+}
+
+/// The parts that a simulation is made of.
+pub(super) struct Parts<'a> {
+    pub scene: Scene<'a>,
+    pub radii: Radii,
+    pub elastic: Elastic,
+    pub offsets: Offsets,
+    pub masses: Vec<f64>,
+    pub friction: Vec<f64>,
+    pub pinned: Vec<bool>,
+    pub x: Vec<Vec3>,
+    /// A contact pair's stiffness [N/m].
+    pub stiffness: f64,
+}
+
+impl<'a> Simulation<'a> {
+    pub(super) fn new(device: &'a Device, params: &'a Params, mut parts: Parts<'a>) -> Result<Self, Error> {
+        parts.offsets.turn(&parts.x);
+        let points = parts.scene.sheet.points(&parts.offsets.vertices(&parts.x));
+        let nodes = parts.x.len();
+        Ok(Simulation {
+            device,
+            params,
+            system: System::new(device, &parts.masses, parts.elastic.diagonal_slots())?,
+            elastic: parts.elastic,
+            contact: Contact::new(parts.scene, parts.radii, parts.stiffness, &points),
+            offsets: parts.offsets,
+            masses: parts.masses,
+            friction: parts.friction,
+            pinned: parts.pinned,
+            gravity: Vec3::new(0.0, -params.gravity, 0.0),
+            x: parts.x,
+            v: vec![Vec3::zeros(); nodes],
+            lagged: Vec::new(),
+            moved: vec![Vec3::zeros(); nodes],
+        })
+    }
+
+    /// Contact points where the nodes are now.
+    pub fn points(&self) -> Vec<Vec3> {
+        self.contact.scene.sheet.points(&self.offsets.vertices(&self.x))
+    }
+
+    /// Mean weight of a node [N] (with standard gravity where there is none).
+    pub fn node_weight(&self) -> f64 {
+        let free: Vec<f64> = self.masses.iter().zip(&self.pinned).filter(|(_, p)| !**p).map(|(m, _)| *m).collect();
+        let g = if self.params.gravity > 0.0 { self.params.gravity } else { 9.81 };
+        g * free.iter().sum::<f64>() / free.len().max(1) as f64
+    }
+
+    /// Kinetic energy [J].
+    pub fn kinetic_energy(&self) -> f64 {
+        self.v.iter().zip(&self.masses).map(|(v, m)| 0.5 * m * v.norm_squared()).sum()
+    }
+
+    /// Largest net force on a node, gravity and friction included, over the mean node weight.
+    pub fn net_force(&self) -> f64 {
+        let still = Problem {
+            start: self.x.iter().zip(&self.moved).map(|(x, m)| x - m).collect(),
+            target: self.x.clone(),
+            inertia: 0.0,
+            friction: self.lagged.clone(),
+        };
+        let here = self.evaluate(&self.x, &still);
+        let net: Vec<Vec3> =
+            here.gradient.iter().zip(&self.masses).map(|(g, m)| g - self.gravity * *m).collect();
+        self.residual(&net)
+    }
+
+    /// Advances by `h` seconds; of the velocity reached, the share `damping` is taken away.
+    ///
+    /// Where the minimisation does not reach its tolerance the step is still made, and the
+    /// result says so.
+    pub(super) fn step(&mut self, h: f64, damping: f64) -> Result<StepInfo, Error> {
+        self.offsets.turn(&self.x);
+        let points = self.points();
+        if !self.contact.tangles().is_clean() {
+            self.contact.classify(&points);
+        }
+        self.contact.refresh(&points);
+        let contacts = self.contact.contacts(&points);
+        let target = (0..self.x.len())
+            .map(|i| if self.pinned[i] { self.x[i] } else { self.x[i] + self.v[i] * h + self.gravity * (h * h) })
+            .collect();
+        let friction = self.lag_friction(&contacts, h);
+        let problem = Problem { start: self.x.clone(), target, inertia: 1.0 / (h * h), friction };
+        let (x, info) = self.minimise(&problem)?;
+        self.moved = x.iter().zip(&self.x).map(|(x, s)| x - s).collect();
+        self.v = self.moved.iter().map(|m| m * ((1.0 - damping) / h)).collect();
+        self.x = x;
+        self.lagged = problem.friction;
+        Ok(info)
+    }
+
+    fn minimise(&mut self, problem: &Problem) -> Result<(Vec<Vec3>, StepInfo), Error> {
+        let mut x = self.x.clone();
+        let mut here = self.evaluate(&x, problem);
+        let mut info = StepInfo::default();
+        loop {
+            info.residual = self.residual(&here.gradient);
+            info.converged = info.residual <= self.params.tolerance;
+            if info.converged || info.newton >= self.params.max_newton {
+                return Ok((x, info));
+            }
+            let (searched, longest) = self.contact.refresh(&here.points);
+            if searched {
+                here.contacts = self.contact.contacts(&here.points);
+            }
+            let mut direction = self.direction(&here, problem, &mut info)?;
+            let length = direction.iter().map(Vec3::norm).fold(0.0, f64::max);
+            let mut slope: f64 = direction.iter().zip(&here.gradient).map(|(d, g)| d.dot(g)).sum();
+            if !length.is_finite() || slope >= 0.0 {
+                return Ok((x, info)); // no descent in f32: as good as it gets
+            }
+            if length > longest {
+                direction.iter_mut().for_each(|d| *d *= longest / length);
+                slope *= longest / length;
+            }
+            let Some((next, there)) = self.search(&x, &here, &direction, slope, problem) else {
+                return Ok((x, info));
+            };
+            (x, here) = (next, there);
+            info.newton += 1;
+        }
+    }
+
+    /// Solves for the Newton direction at `here`.
+    fn direction(&mut self, here: &Here, problem: &Problem, info: &mut StepInfo) -> Result<Vec<Vec3>, Error> {
+        let u = self.device.zeros("displacement", 3 * self.x.len())?;
+        self.elastic.rebase(self.device, &here.vertices)?;
+        self.elastic.linearise(self.device, &u)?;
+        let stencils = [&here.contacts.stencils[..], &problem.friction[..]].concat();
+        let cg = CgParams { tolerance: self.params.cg_tolerance, max_iterations: self.params.max_cg };
+        let (direction, solved) = self.system.direction(
+            self.device,
+            self.elastic.hessian(),
+            &stencils,
+            &here.moved,
+            problem.inertia,
+            &here.gradient,
+            &cg,
+        )?;
+        info.cg += solved.iterations;
+        Ok(direction)
+    }
+
+    /// Backtracks along `direction` until the objective falls.
+    fn search(
+        &self,
+        x: &[Vec3],
+        here: &Here,
+        direction: &[Vec3],
+        slope: f64,
+        problem: &Problem,
+    ) -> Option<(Vec<Vec3>, Here)> {
+        let sheet = &self.contact.scene.sheet;
+        let by_point: Vec<Vec3> = sheet.node.iter().map(|&n| direction[n as usize]).collect();
+        let mut share = self.contact.free_share(&here.points, &by_point, &here.contacts);
+        while share > SHORTEST {
+            let next: Vec<Vec3> = x.iter().zip(direction).map(|(x, d)| x + d * share).collect();
+            let there = self.evaluate(&next, problem);
+            let allowed = ROUNDING * (here.energy.abs() + there.energy.abs());
+            if there.energy <= here.energy + ARMIJO * share * slope + allowed {
+                return Some((next, there));
+            }
+            share *= 0.5;
+        }
+        None
+    }
+
+    fn evaluate(&self, x: &[Vec3], problem: &Problem) -> Here {
+        let vertices = self.offsets.vertices(x);
+        let points = self.contact.scene.sheet.points(&vertices);
+        let moved: Vec<Vec3> = x.iter().zip(&problem.start).map(|(x, s)| x - s).collect();
+        let (mut energy, mut gradient) = self.elastic.judge(&vertices);
+        for i in 0..x.len() {
+            let m = self.masses[i] * problem.inertia;
+            let d = x[i] - problem.target[i];
+            energy += 0.5 * m * d.norm_squared();
+            gradient[i] += d * m;
+        }
+        let contacts = self.contact.contacts(&points);
+        for stencil in contacts.stencils.iter().chain(&problem.friction) {
+            let (e, f) = stencil.evaluate(&moved);
+            energy += e;
+            for k in 0..4 {
+                gradient[stencil.nodes[k] as usize] += f * stencil.weights[k];
+            }
+        }
+        Here { vertices, points, moved, energy, gradient, contacts }
+    }
+
+    /// Largest force on a free node over the mean node weight.
+    fn residual(&self, gradient: &[Vec3]) -> f64 {
+        let free = gradient.iter().zip(&self.pinned).filter(|(_, pinned)| !**pinned);
+        let worst = free.map(|(g, _)| g.norm()).fold(0.0, |a: f64, b| if b.is_nan() { b } else { a.max(b) });
+        worst / self.node_weight()
+    }
+
+    /// Friction stencils from the contacts at the start of a step.
+    fn lag_friction(&self, contacts: &Contacts, h: f64) -> Vec<Stencil> {
+        let lag = |s: &Stencil| {
+            let force = s.normal_force();
+            let mu = self.friction[s.nodes[0] as usize];
+            (force * mu > 0.0).then(|| Stencil {
+                kind: Kind::Friction,
+                gap: 0.0,
+                radius: self.params.friction_speed * h,
+                stiffness: mu * force,
+                ..*s
+            })
+        };
+        contacts.stencils.iter().filter_map(lag).collect()
+    }
+}
