@@ -32,7 +32,7 @@ mod judge;
 pub mod membrane;
 pub mod stretch;
 #[cfg(test)]
-mod tests;
+pub(crate) mod tests;
 
 use bytemuck::{Pod, Zeroable};
 use nalgebra::Vector3;
