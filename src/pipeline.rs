@@ -392,7 +392,7 @@ fn certify(
             points: &draped[g].points,
             pattern: &patterns[g].0,
             skin: Some(&skins[g].0),
-            offsets: None,
+            offsets: Some(&draped[g].rest_offsets),
         })
         .collect();
     certificate::measure(&certificate::Input {

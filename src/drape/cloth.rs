@@ -43,6 +43,7 @@ impl Default for Options {
 
 /// Why no cloth can be made.
 #[derive(Clone, Debug, Error, PartialEq)]
+#[expect(missing_docs, reason = "the messages name the fields")]
 pub enum Error {
     /// The pattern does not belong to the garment.
     #[error("{garment}: the pattern has {found} vertices, the garment {expected}")]

@@ -100,8 +100,8 @@ impl Default for Params {
             settle_frames: 96,
             settle_damping: 0.05,
             rest_tolerance: 0.1,
-            tolerance: 1e-2,
-            max_newton: 80,
+            tolerance: 5e-2,
+            max_newton: 120,
             cg_tolerance: 1e-2,
             max_cg: 2000,
             body_distance: 2e-3,
@@ -170,12 +170,16 @@ pub struct Info {
 pub struct Output {
     /// Vertices [m], shape `[vertices, 3]`.
     pub points: Vec<Vec3>,
+    /// Rest offset of each vertex from its node, as re-measured after the transfer and turned
+    /// with the cloth [m], shape `[vertices, 3]`.
+    pub rest_offsets: Vec<Vec3>,
     /// What was achieved.
     pub info: Info,
 }
 
 /// Why a garment could not be draped.
 #[derive(Debug, ThisError)]
+#[expect(missing_docs, reason = "the messages name the fields")]
 pub enum Error {
     /// The arrays do not fit the garment.
     #[error("{garment}: {what} has {found} elements, {expected} expected")]
@@ -246,7 +250,11 @@ pub fn run_with_progress(
     info.at_rest = info.residual <= params.rest_tolerance;
     info.contacts = simulation.contact.contacts(&simulation.points()).stencils.len();
     progress(1.0, "done");
-    Ok(Output { points: simulation.offsets.vertices(&simulation.x), info })
+    Ok(Output {
+        points: simulation.offsets.vertices(&simulation.x),
+        rest_offsets: simulation.offsets.vectors().to_vec(),
+        info,
+    })
 }
 
 /// Untangles further while anything crosses.

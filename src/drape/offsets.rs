@@ -72,6 +72,11 @@ impl Offsets {
         }
     }
 
+    /// The vector from each vertex's node to the vertex, as last turned [m].
+    pub fn vectors(&self) -> &[Vec3] {
+        &self.world
+    }
+
     /// Vertices from nodes.
     pub fn vertices(&self, x: &[Vec3]) -> Vec<Vec3> {
         self.node_of_vertex.iter().zip(&self.world).map(|(&n, o)| x[n as usize] + o).collect()

@@ -25,6 +25,10 @@ use crate::solve::cg::CgParams;
 const ARMIJO: f64 = 1e-4;
 /// Shortest share of a Newton step that is tried.
 const SHORTEST: f64 = 1e-7;
+/// Iterations that the quasi-Newton history remembers.
+const MEMORY: usize = 5;
+/// Residual, in mean node weights, from which on the history is kept.
+const NEAR: f64 = 1.0;
 /// Energies closer than this share of themselves are equal up to rounding.
 const ROUNDING: f64 = 1e-14;
 
@@ -83,6 +87,68 @@ struct Here {
     energy: f64,
     gradient: Vec<Vec3>,
     contacts: Contacts,
+}
+
+/// Changes of position and gradient in a step's last iterations, for the two loops of L-BFGS
+/// [Nocedal and Wright 2006, alg. 7.4] around the Newton solve [Liu et al. 2017].
+///
+/// The projected matrix lacks the curvature that buckled cloth loses, which leaves Newton
+/// with a slow linear tail; the history puts it back.
+#[derive(Default)]
+struct History {
+    pairs: std::collections::VecDeque<(Vec<Vec3>, Vec<Vec3>, f64)>,
+}
+
+fn dot(a: &[Vec3], b: &[Vec3]) -> f64 {
+    a.iter().zip(b).map(|(a, b)| a.dot(b)).sum()
+}
+
+fn add(a: &mut [Vec3], b: &[Vec3], factor: f64) {
+    a.iter_mut().zip(b).for_each(|(a, b)| *a += b * factor);
+}
+
+impl History {
+    fn is_empty(&self) -> bool {
+        self.pairs.is_empty()
+    }
+
+    fn clear(&mut self) {
+        self.pairs.clear();
+    }
+
+    /// Remembers a step, if the curvature along it is positive.
+    fn push(&mut self, x0: &[Vec3], x1: &[Vec3], g0: &[Vec3], g1: &[Vec3]) {
+        let difference = |a: &[Vec3], b: &[Vec3]| a.iter().zip(b).map(|(a, b)| a - b).collect::<Vec<_>>();
+        let (s, y) = (difference(x1, x0), difference(g1, g0));
+        let curvature = dot(&s, &y);
+        if curvature > 1e-10 * dot(&s, &s).sqrt() * dot(&y, &y).sqrt() {
+            self.pairs.push_back((s, y, curvature));
+            if self.pairs.len() > MEMORY {
+                self.pairs.pop_front();
+            }
+        } else {
+            self.clear();
+        }
+    }
+
+    /// The gradient to solve with, and the weights that [`History::after`] needs.
+    fn before(&self, mut gradient: Vec<Vec3>) -> (Vec<Vec3>, Vec<f64>) {
+        let mut weights = vec![0.0; self.pairs.len()];
+        for (i, (s, y, curvature)) in self.pairs.iter().enumerate().rev() {
+            weights[i] = dot(s, &gradient) / curvature;
+            add(&mut gradient, y, -weights[i]);
+        }
+        (gradient, weights)
+    }
+
+    /// The direction from the solve's.
+    fn after(&self, mut direction: Vec<Vec3>, weights: &[f64]) -> Vec<Vec3> {
+        for ((s, y, curvature), w) in self.pairs.iter().zip(weights) {
+            let b = dot(y, &direction) / curvature;
+            add(&mut direction, s, -(w + b));
+        }
+        direction
+    }
 }
 
 /// The parts that a simulation is made of.
@@ -190,6 +256,7 @@ impl<'a> Simulation<'a> {
         let mut x = self.x.clone();
         let mut here = self.evaluate(&x, problem);
         let mut info = StepInfo::default();
+        let mut history = History::default();
         loop {
             info.residual = self.residual(&here.gradient);
             info.converged = info.residual <= self.params.tolerance;
@@ -200,9 +267,14 @@ impl<'a> Simulation<'a> {
             if searched {
                 here.contacts = self.contact.contacts(&here.points);
             }
-            let mut direction = self.direction(&here, problem, &mut info)?;
+            let mut direction = self.direction(&here, problem, &history, &mut info)?;
+            let mut slope = dot(&direction, &here.gradient);
+            if slope >= 0.0 && !history.is_empty() {
+                history.clear();
+                direction = self.direction(&here, problem, &history, &mut info)?;
+                slope = dot(&direction, &here.gradient);
+            }
             let length = direction.iter().map(Vec3::norm).fold(0.0, f64::max);
-            let mut slope: f64 = direction.iter().zip(&here.gradient).map(|(d, g)| d.dot(g)).sum();
             if !length.is_finite() || slope >= 0.0 {
                 return Ok((x, info)); // no descent in f32: as good as it gets
             }
@@ -213,29 +285,41 @@ impl<'a> Simulation<'a> {
             let Some((next, there)) = self.search(&x, &here, &direction, slope, problem) else {
                 return Ok((x, info));
             };
+            if info.residual < NEAR {
+                history.push(&x, &next, &here.gradient, &there.gradient);
+            } else {
+                history.clear();
+            }
             (x, here) = (next, there);
             info.newton += 1;
         }
     }
 
     /// Solves for the Newton direction at `here`.
-    fn direction(&mut self, here: &Here, problem: &Problem, info: &mut StepInfo) -> Result<Vec<Vec3>, Error> {
+    fn direction(
+        &mut self,
+        here: &Here,
+        problem: &Problem,
+        history: &History,
+        info: &mut StepInfo,
+    ) -> Result<Vec<Vec3>, Error> {
         let u = self.device.zeros("displacement", 3 * self.x.len())?;
         self.elastic.rebase(self.device, &here.vertices)?;
         self.elastic.linearise(self.device, &u)?;
         let stencils = [&here.contacts.stencils[..], &problem.friction[..]].concat();
         let cg = CgParams { tolerance: self.params.cg_tolerance, max_iterations: self.params.max_cg };
+        let (gradient, weights) = history.before(here.gradient.clone());
         let (direction, solved) = self.system.direction(
             self.device,
             self.elastic.hessian(),
             &stencils,
             &here.moved,
             problem.inertia,
-            &here.gradient,
+            &gradient,
             &cg,
         )?;
         info.cg += solved.iterations;
-        Ok(direction)
+        Ok(history.after(direction, &weights))
     }
 
     /// Backtracks along `direction` until the objective falls.
@@ -296,7 +380,7 @@ impl<'a> Simulation<'a> {
         let lag = |s: &Stencil| {
             let force = s.normal_force();
             let mu = self.friction[s.nodes[0] as usize];
-            (force * mu > 0.0).then(|| Stencil {
+            (force * mu > 0.0).then_some(Stencil {
                 kind: Kind::Friction,
                 gap: 0.0,
                 radius: self.params.friction_speed * h,

@@ -133,6 +133,7 @@ pub struct Info {
 
 /// Why a pattern cannot be refitted.
 #[derive(Clone, Debug, Error, PartialEq)]
+#[expect(missing_docs, reason = "the messages name the fields")]
 pub enum Error {
     /// A vertex array does not fit the garment.
     #[error("{garment}: {found} target points, {expected} expected")]

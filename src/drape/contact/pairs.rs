@@ -50,7 +50,10 @@ pub enum Mode {
     Clean,
     /// Starts tangled: spring along the signed distance, may pass. Pairs of one garment have
     /// the sign that the gap has on the source; colliders know theirs.
-    Wrong { sign: f64 },
+    Wrong {
+        /// The sign that the gap is to have.
+        sign: f64,
+    },
 }
 
 /// A pair of primitives.

@@ -65,6 +65,7 @@ pub const KERNELS: &[&Kernel] = &[
 
 /// Why an energy cannot be evaluated.
 #[derive(Clone, Debug, Error, PartialEq)]
+#[expect(missing_docs, reason = "the messages name the fields")]
 pub enum Error {
     /// The device failed.
     #[error(transparent)]
