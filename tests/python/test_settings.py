@@ -6,7 +6,6 @@ import sys
 from pathlib import Path
 
 import pytest
-
 from dressform import BadSettings, Settings, _native, load
 from dressform.settings import parse
 
