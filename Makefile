@@ -105,6 +105,10 @@ bench: $(VENV)/.built $(VENV)/.test-packages ## Benchmarks; with DRESSFORM_DATA,
 		PATH="$(CURDIR)/$(BIN):$$PATH" $(BIN)/python benches/all_pairs.py "$$DRESSFORM_DATA" $(OUT)/pairs; \
 	else echo "skipped: the table over all pairs (DRESSFORM_DATA names no folder)"; fi
 
+.PHONY: pairs
+pairs: $(VENV)/.built ## Fit every outfit of DRESSFORM_DATA to every character; the table goes into docs/.
+	$(BIN)/python benches/all_pairs.py "$${DRESSFORM_DATA:?names no folder}" $(OUT)/pairs --table docs/pairs.md
+
 .PHONY: lock
 lock: $(VENV)/.test-packages ## Pin the newest versions of all Python packages.
 	$(BIN)/pip-compile --quiet --strip-extras --allow-unsafe --no-emit-index-url --no-emit-find-links \

@@ -16,6 +16,8 @@
 
 mod inpaint;
 mod search;
+#[cfg(test)]
+mod tests;
 
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
