@@ -27,5 +27,14 @@ pub mod transfer;
 
 /// Every kernel of the crate, for the tests that validate shaders and compare twins.
 pub fn kernels() -> Vec<&'static device::Kernel> {
-    [solve::vector::KERNELS, solve::cg::KERNELS, solve::bsr::KERNELS].concat()
+    [
+        geometry::bulk::KERNELS,
+        solve::vector::KERNELS,
+        solve::cg::KERNELS,
+        solve::bsr::KERNELS,
+        transfer::KERNELS,
+        drape::elastic::KERNELS,
+        drape::contact::KERNELS,
+    ]
+    .concat()
 }

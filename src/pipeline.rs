@@ -1,1 +1,414 @@
-//! pipeline
+//! The whole way of an outfit onto a character; the only file that knows every stage.
+//!
+//! Transfer (paper 4.1) carries every garment from its source body to the target, the
+//! pattern refit (4.2) gives each its new panels, the draper (5) settles the layers one
+//! after the other on the body and on what already lies there, and the rig (7) gives them
+//! skin weights. The certificate measures the result with tests of its own.
+
+use std::time::Instant;
+
+use serde::{Deserialize, Serialize};
+use thiserror::Error;
+
+use crate::certificate::{self, Certificate, Thresholds};
+use crate::device::{Device, DeviceInfo};
+use crate::drape;
+use crate::geometry::{self, Surface};
+use crate::model::{Character, Garment, Outfit, Skin, TriMesh, Vec2, Vec3};
+use crate::pattern;
+use crate::rig;
+use crate::transfer;
+
+/// Every setting of every stage.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Settings {
+    /// 3D transfer.
+    pub transfer: transfer::Params,
+    /// Pattern refit.
+    pub pattern: pattern::Params,
+    /// Draper.
+    pub drape: drape::Params,
+    /// Rig.
+    pub rig: rig::Params,
+    /// What makes a result pass.
+    pub thresholds: Thresholds,
+}
+
+/// Seconds of each stage; what the caller does (reading, writing) is filled in by it.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+#[expect(missing_docs, reason = "the names say it")]
+pub struct Seconds {
+    pub read: f64,
+    pub transfer: f64,
+    pub pattern: f64,
+    pub drape: f64,
+    pub rig: f64,
+    pub certify: f64,
+    pub write: f64,
+    pub total: f64,
+}
+
+/// What was done to one garment, and what came of it.
+#[derive(Clone, Debug, Serialize)]
+pub struct GarmentReport {
+    /// Name of the garment.
+    pub name: String,
+    /// Its path in the outfit's stage.
+    pub path: String,
+    /// Its layer.
+    pub layer: i32,
+    /// Points of the source mesh.
+    pub vertices: usize,
+    /// Triangulated faces of the source mesh.
+    pub triangles: usize,
+    /// Panels.
+    pub panels: usize,
+    /// Authored seams.
+    pub seams: usize,
+    /// The transfer's account.
+    pub transfer: transfer::Info,
+    /// The pattern refit's account.
+    pub pattern: pattern::Info,
+    /// The draper's account.
+    pub drape: drape::Info,
+    /// The rig's account.
+    pub rig: rig::Info,
+    /// Measured by tests of its own.
+    pub certificate: Certificate,
+}
+
+/// The account of a fit: the contract's JSON without what the caller adds.
+#[derive(Clone, Debug, Serialize)]
+pub struct Report {
+    /// Where the kernels ran.
+    pub device: DeviceInfo,
+    /// Whether no threshold was broken.
+    pub passed: bool,
+    /// Broken thresholds, in words.
+    pub broken: Vec<String>,
+    /// Time of each stage [s].
+    pub seconds: Seconds,
+    /// Garments in the outfit's order.
+    pub garments: Vec<GarmentReport>,
+}
+
+/// A garment on its new body.
+#[derive(Clone, Debug)]
+pub struct DressedGarment {
+    /// Points of the source mesh, on the target [m].
+    pub points: Vec<Vec3>,
+    /// Vertices (one for each distinct point and panel position), on the target [m].
+    pub vertex_points: Vec<Vec3>,
+    /// Refitted panels, per vertex [m].
+    pub pattern: Vec<Vec2>,
+    /// Refitted panels, per triangle corner [m].
+    pub corner_pattern: Vec<[Vec2; 3]>,
+    /// Skin weights, per point of the source mesh.
+    pub skin: Skin,
+}
+
+/// What [`fit`] makes.
+#[derive(Clone, Debug)]
+pub struct Dressed {
+    /// Garments in the outfit's order.
+    pub garments: Vec<DressedGarment>,
+    /// The account.
+    pub report: Report,
+}
+
+/// Why an outfit could not be fitted.
+#[derive(Debug, Error)]
+pub enum Error {
+    /// Source and target bodies do not correspond vertex by vertex.
+    #[error(
+        "{target_path}: {what} of the body differ from those of the source body {source_path}: \
+         {found} instead of {expected}{}", element.map(|e| format!(" (first at {e})")).unwrap_or_default()
+    )]
+    Topology {
+        /// The source body's path.
+        source_path: String,
+        /// The target body's path.
+        target_path: String,
+        /// `vertices`, `triangles` or `triangle corners`.
+        what: &'static str,
+        /// As the target has it.
+        found: usize,
+        /// As the source has it.
+        expected: usize,
+        /// First element that differs.
+        element: Option<usize>,
+    },
+    /// A garment names a source body that the outfit does not have.
+    #[error("{garment}: source body {body} is not among the outfit's {count}")]
+    NoBody {
+        /// The garment's path.
+        garment: String,
+        /// The index named.
+        body: usize,
+        /// Source bodies there are.
+        count: usize,
+    },
+    /// The transfer failed.
+    #[error("transfer: {0}")]
+    Transfer(#[from] transfer::Error),
+    /// The pattern refit failed.
+    #[error("{garment}: pattern: {error}")]
+    Pattern {
+        /// The garment's path.
+        garment: String,
+        /// Why.
+        error: pattern::Error,
+    },
+    /// The draper failed.
+    #[error("{garment}: drape: {error}")]
+    Drape {
+        /// The garment's path.
+        garment: String,
+        /// Why.
+        error: drape::Error,
+    },
+    /// The rig failed.
+    #[error("{garment}: rig: {error}")]
+    Rig {
+        /// The garment's path.
+        garment: String,
+        /// Why.
+        error: rig::Error,
+    },
+}
+
+/// Told at every step: the stage (`transfer`, `pattern`, `drape`, `rig`, `certify`) and how
+/// much of it is done, 0 to 1.
+pub type Progress<'a> = dyn FnMut(&str, f64) + 'a;
+
+/// Fits an outfit to a character.
+///
+/// # Errors
+/// Input that cannot be worked on, or a device's failure; see [`Error`]. A result that falls
+/// short of a threshold is no error: the report says it.
+pub fn fit(
+    outfit: &Outfit,
+    character: &Character,
+    settings: &Settings,
+    device: &Device,
+    progress: &mut Progress<'_>,
+) -> Result<Dressed, Error> {
+    let started = Instant::now();
+    let mut seconds = Seconds::default();
+    for garment in &outfit.garments {
+        check_body(outfit, garment, character)?;
+    }
+
+    progress("transfer", 0.0);
+    let clock = Instant::now();
+    let transferred = transfer_all(outfit, character, settings, device)?;
+    seconds.transfer = clock.elapsed().as_secs_f64();
+    progress("transfer", 1.0);
+
+    let clock = Instant::now();
+    let mut patterns = Vec::new();
+    for (g, garment) in outfit.garments.iter().enumerate() {
+        progress("pattern", g as f64 / outfit.garments.len() as f64);
+        let refitted = pattern::run(garment, &transferred[g].0, &settings.pattern)
+            .map_err(|error| Error::Pattern { garment: garment.path.clone(), error })?;
+        patterns.push(refitted);
+    }
+    seconds.pattern = clock.elapsed().as_secs_f64();
+    progress("pattern", 1.0);
+
+    let clock = Instant::now();
+    let draped = drape_all(outfit, character, &transferred, &patterns, settings, device, progress)?;
+    seconds.drape = clock.elapsed().as_secs_f64();
+
+    let clock = Instant::now();
+    let mut skins = Vec::new();
+    for (g, garment) in outfit.garments.iter().enumerate() {
+        progress("rig", g as f64 / outfit.garments.len() as f64);
+        let skin = rig::run(character, garment, &draped[g].points, &settings.rig)
+            .map_err(|error| Error::Rig { garment: garment.path.clone(), error })?;
+        skins.push(skin);
+    }
+    seconds.rig = clock.elapsed().as_secs_f64();
+    progress("rig", 1.0);
+
+    progress("certify", 0.0);
+    let clock = Instant::now();
+    let certificates = certify(outfit, character, &draped, &patterns, &skins);
+    seconds.certify = clock.elapsed().as_secs_f64();
+    progress("certify", 1.0);
+
+    let mut garments = Vec::new();
+    let mut reports = Vec::new();
+    let mut broken = Vec::new();
+    let parts = transferred.into_iter().zip(patterns).zip(draped).zip(skins).zip(certificates);
+    for (garment, ((((transferred, pattern), draped), skin), certificate)) in
+        outfit.garments.iter().zip(parts)
+    {
+        let report = GarmentReport {
+            name: garment.name.clone(),
+            path: garment.path.clone(),
+            layer: garment.layer,
+            vertices: garment.point_count,
+            triangles: garment.triangles.len(),
+            panels: garment.panels.len(),
+            seams: garment.seams.len(),
+            transfer: transferred.1,
+            pattern: pattern.1,
+            drape: draped.info,
+            rig: skin.1,
+            certificate,
+        };
+        broken.extend(broken_thresholds(&report, &settings.thresholds));
+        garments.push(DressedGarment {
+            points: garment.scatter_points(&draped.points),
+            corner_pattern: garment.triangles.iter().map(|t| t.map(|v| pattern.0[v as usize])).collect(),
+            skin: garment.scatter_skin(&skin.0),
+            vertex_points: draped.points,
+            pattern: pattern.0,
+        });
+        reports.push(report);
+    }
+    seconds.total = started.elapsed().as_secs_f64();
+    let passed = broken.is_empty();
+    let report = Report { device: device.info(), passed, broken, seconds, garments: reports };
+    Ok(Dressed { garments, report })
+}
+
+/// The paper assumes one topology for source and target; anything else is refused here.
+fn check_body(outfit: &Outfit, garment: &Garment, character: &Character) -> Result<(), Error> {
+    let source = outfit.bodies.get(garment.body).ok_or_else(|| Error::NoBody {
+        garment: garment.path.clone(),
+        body: garment.body,
+        count: outfit.bodies.len(),
+    })?;
+    let differs = |what, found, expected, element| Error::Topology {
+        source_path: source.path.clone(),
+        target_path: character.path.clone(),
+        what,
+        found,
+        expected,
+        element,
+    };
+    let (s, t) = (&source.body, &character.body);
+    if s.points.len() != t.points.len() {
+        return Err(differs("vertices", t.points.len(), s.points.len(), None));
+    }
+    if s.triangles.len() != t.triangles.len() {
+        return Err(differs("triangles", t.triangles.len(), s.triangles.len(), None));
+    }
+    match (0..s.triangles.len()).find(|&i| s.triangles[i] != t.triangles[i]) {
+        Some(i) => {
+            let k = (0..3).find(|&k| s.triangles[i][k] != t.triangles[i][k]).unwrap_or(0);
+            let (found, expected) = (t.triangles[i][k] as usize, s.triangles[i][k] as usize);
+            Err(differs("triangle corners", found, expected, Some(i)))
+        }
+        None => Ok(()),
+    }
+}
+
+/// Transfers the garments of each source body in one go: the field is theirs in common.
+fn transfer_all(
+    outfit: &Outfit,
+    character: &Character,
+    settings: &Settings,
+    device: &Device,
+) -> Result<Vec<(Vec<Vec3>, transfer::Info)>, Error> {
+    let mut results = vec![None; outfit.garments.len()];
+    for (b, body) in outfit.bodies.iter().enumerate() {
+        let members: Vec<usize> =
+            (0..outfit.garments.len()).filter(|&g| outfit.garments[g].body == b).collect();
+        if members.is_empty() {
+            continue;
+        }
+        let input = transfer::Input {
+            source: &body.body,
+            target: &character.body,
+            garments: members.iter().map(|&g| outfit.garments[g].points.as_slice()).collect(),
+        };
+        let output = transfer::run(device, &input, &settings.transfer)?;
+        for ((g, points), info) in members.into_iter().zip(output.garments).zip(output.infos) {
+            results[g] = Some((points, info));
+        }
+    }
+    Ok(results.into_iter().map(|r| r.expect("every garment has a source body")).collect())
+}
+
+/// Drapes layer after layer; finished garments are colliders of the next (paper, algorithm 1).
+fn drape_all(
+    outfit: &Outfit,
+    character: &Character,
+    transferred: &[(Vec<Vec3>, transfer::Info)],
+    patterns: &[(Vec<Vec2>, pattern::Info)],
+    settings: &Settings,
+    device: &Device,
+    progress: &mut Progress<'_>,
+) -> Result<Vec<drape::Output>, Error> {
+    let mut solids = vec![Surface::new(outer_skin_mesh(&character.body))];
+    solids.extend(character.colliders.iter().map(|c| Surface::new(c.mesh.clone())));
+    let solids: Vec<&Surface> = solids.iter().collect();
+    let mut order: Vec<usize> = (0..outfit.garments.len()).collect();
+    order.sort_by_key(|&g| outfit.garments[g].layer);
+    let mut finished: Vec<Surface> = Vec::new();
+    let mut outputs: Vec<Option<drape::Output>> = outfit.garments.iter().map(|_| None).collect();
+    for (done, &g) in order.iter().enumerate() {
+        let garment = &outfit.garments[g];
+        let input = drape::Input {
+            garment,
+            points: &transferred[g].0,
+            pattern: &patterns[g].0,
+            colliders: &solids,
+            layers: &finished.iter().collect::<Vec<_>>(),
+        };
+        let count = order.len() as f64;
+        let mut report = |part: f64, _: &str| progress("drape", (done as f64 + part) / count);
+        report(0.0, "");
+        let output = drape::run_with_progress(device, &input, &settings.drape, &mut report)
+            .map_err(|error| Error::Drape { garment: garment.path.clone(), error })?;
+        finished.push(Surface::new(garment.welded_mesh(&output.points)));
+        outputs[g] = Some(output);
+    }
+    progress("drape", 1.0);
+    Ok(outputs.into_iter().map(|o| o.expect("every garment was draped")).collect())
+}
+
+/// The body without its inner parts.
+fn outer_skin_mesh(body: &TriMesh) -> TriMesh {
+    geometry::submesh(body, &geometry::outer_skin(body)).0
+}
+
+fn certify(
+    outfit: &Outfit,
+    character: &Character,
+    draped: &[drape::Output],
+    patterns: &[(Vec<Vec2>, pattern::Info)],
+    skins: &[(Skin, rig::Info)],
+) -> Vec<Certificate> {
+    let sources: Vec<Surface> =
+        outfit.bodies.iter().map(|b| Surface::new(outer_skin_mesh(&b.body))).collect();
+    let garments: Vec<certificate::Dressed<'_>> = (0..outfit.garments.len())
+        .map(|g| certificate::Dressed {
+            garment: &outfit.garments[g],
+            points: &draped[g].points,
+            pattern: &patterns[g].0,
+            skin: Some(&skins[g].0),
+            offsets: Some(&draped[g].rest_offsets),
+        })
+        .collect();
+    certificate::measure(&certificate::Input {
+        body: &Surface::new(outer_skin_mesh(&character.body)),
+        source_bodies: &sources.iter().collect::<Vec<_>>(),
+        garments: &garments,
+    })
+}
+
+fn broken_thresholds(report: &GarmentReport, thresholds: &Thresholds) -> Vec<String> {
+    let stages = certificate::StageFigures {
+        gap_p99_m: Some(report.transfer.gap_p99_m),
+        transfer_converged: Some(report.transfer.converged),
+        flipped_triangles: Some(report.pattern.flipped_triangles),
+        seam_mismatch_max: Some(report.pattern.seam_mismatch_max),
+        drape_converged: Some(report.drape.converged),
+    };
+    thresholds.broken(&report.name, &report.certificate, &stages)
+}

@@ -189,7 +189,7 @@ fn bsr_multiply() -> Case {
         vec![0; x.len()],
     ];
     Case {
-        invocations: 3 * s.rows(),
+        invocations: s.rows(),
         params: [s.rows() as u32, 0, 0, 0],
         buffers,
         expected: vec![Expected { slot: 4, values }],
@@ -211,7 +211,10 @@ fn block_multiply() -> Case {
     }
 }
 
-const CASES: &[(&str, fn() -> Case)] = &[
+/// Cases by kernel.
+type Cases = [(&'static str, fn() -> Case)];
+
+const CASES: &Cases = &[
     ("dot_partial", dot_partial),
     ("cg_alpha", cg_alpha),
     ("cg_beta", cg_beta),

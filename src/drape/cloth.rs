@@ -43,6 +43,7 @@ impl Default for Options {
 
 /// Why no cloth can be made.
 #[derive(Clone, Debug, Error, PartialEq)]
+#[expect(missing_docs, reason = "the messages name the fields")]
 pub enum Error {
     /// The pattern does not belong to the garment.
     #[error("{garment}: the pattern has {found} vertices, the garment {expected}")]
@@ -51,7 +52,7 @@ pub enum Error {
     #[error("{garment}: triangle {triangle} has no usable area in its panel ({area:e} m^2)")]
     Degenerate { garment: String, triangle: usize, area: f64 },
     /// A fabric's density is not positive, or a stiffness is negative.
-    #[error("{garment}: fabric '{fabric}': {what} is {value}")]
+    #[error("{garment}: fabric '{fabric}': {what} is {value}, which is out of its range")]
     Fabric { garment: String, fabric: String, what: &'static str, value: f64 },
     /// A setting is out of its range.
     #[error("seam_bending is {0}; it must be finite and not negative")]
@@ -269,5 +270,86 @@ fn join(cloth: &Cloth, a: Side, b: Side, seam: bool) -> Hinge {
         opposite: [vertex(a), vertex(b)],
         rest_angle: 0.0,
         seam,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::drape::elastic::tests::{Split, flat, garment_of, panel, sewn};
+
+    #[test]
+    fn masses_are_thirds_of_the_triangles_around() {
+        let garment = garment_of(&panel(2, 1, 0.1, Split::Diagonal, 0.3), &Fabric::default(), flat);
+        let cloth = Cloth::new(&garment, &garment.pattern, &Options::default()).unwrap();
+        let triangle = 0.15 * 0.005;
+        let total: f64 = cloth.masses.iter().sum();
+        assert!((total - 4.0 * triangle).abs() < 1e-15);
+        let most = cloth.masses.iter().copied().fold(0.0, f64::max);
+        assert!((most - triangle).abs() < 1e-15, "the middle nodes have three triangles");
+    }
+
+    #[test]
+    fn inner_edges_are_hinges_and_sewn_ones_seams() {
+        let garment = garment_of(&panel(3, 2, 0.1, Split::Diagonal, 0.0), &Fabric::default(), flat);
+        let cloth = Cloth::new(&garment, &garment.pattern, &Options::default()).unwrap();
+        // Euler: 12 vertices, 12 triangles, 23 edges, 10 of them on the border.
+        assert_eq!(cloth.hinges.len(), 13);
+        assert!(cloth.hinges.iter().all(|h| !h.seam && h.rest_angle == 0.0));
+        let garment = sewn(3, 0.1, 0.7);
+        let cloth = Cloth::new(&garment, &garment.pattern, &Options::default()).unwrap();
+        let seams: Vec<_> = cloth.hinges.iter().filter(|h| h.seam).collect();
+        assert_eq!((seams.len(), cloth.node_count, cloth.node_of_vertex.len()), (3, 12, 16));
+        for hinge in seams {
+            let nodes = hinge.edge.map(|edge| edge.map(|v| cloth.node_of_vertex[v as usize]));
+            assert_eq!(nodes[0], nodes[1]);
+            assert_ne!(hinge.edge[0], hinge.edge[1]);
+            assert!((hinge.rest_angle.abs() - 0.7).abs() < 1e-12);
+        }
+    }
+
+    #[test]
+    fn vertices_sewn_with_an_offset_make_no_seam_hinge() {
+        let mut garment = sewn(3, 0.1, 0.7);
+        for v in 0..garment.points.len() {
+            let anchor = garment.groups.anchor_of_node[garment.groups.node_of_vertex[v] as usize];
+            garment.groups.has_offset[v] = anchor != v as u32;
+        }
+        let cloth = Cloth::new(&garment, &garment.pattern, &Options::default()).unwrap();
+        assert!(cloth.hinges.iter().all(|h| !h.seam));
+    }
+
+    #[test]
+    fn curved_panels_keep_their_angles() {
+        let mesh = panel(3, 2, 0.1, Split::Diagonal, 0.0);
+        let folded = |p: &Vec2| Vec3::new(p.x.min(0.1), (p.x - 0.1).max(0.0), p.y);
+        let garment = garment_of(&mesh, &Fabric::default(), folded);
+        let options = Options { curved_panels: true, ..Options::default() };
+        let cloth = Cloth::new(&garment, &garment.pattern, &options).unwrap();
+        let right_angles = cloth
+            .hinges
+            .iter()
+            .filter(|h| (h.rest_angle.abs() - std::f64::consts::FRAC_PI_2).abs() < 1e-12)
+            .count();
+        assert_eq!(right_angles, 2);
+    }
+
+    #[test]
+    fn what_cannot_be_cloth_is_refused() {
+        let garment = garment_of(&panel(2, 1, 0.1, Split::Diagonal, 0.0), &Fabric::default(), flat);
+        let make = |pattern: &[Vec2], options: &Options| Cloth::new(&garment, pattern, options).map(|_| ());
+        let options = Options::default();
+        let short = make(&garment.pattern[1..], &options);
+        assert_eq!(short, Err(Error::Length { garment: "sheet".to_owned(), found: 5, expected: 6 }));
+        let collapsed: Vec<Vec2> = garment.pattern.iter().map(|p| Vec2::new(p.x, 1e-9 * p.y)).collect();
+        assert!(matches!(make(&collapsed, &options), Err(Error::Degenerate { triangle: 0, .. })));
+        let unknown = vec![Vec2::new(f64::NAN, 0.0); 6];
+        assert!(matches!(make(&unknown, &options), Err(Error::Degenerate { triangle: 0, .. })));
+        let negative = Options { seam_bending: -1.0, ..options.clone() };
+        assert_eq!(make(&garment.pattern, &negative), Err(Error::SeamBending(-1.0)));
+        let mut weightless = garment.clone();
+        weightless.panels[0].fabric.density = 0.0;
+        let found = Cloth::new(&weightless, &garment.pattern, &options).map(|_| ());
+        assert!(matches!(found, Err(Error::Fabric { what: "density", .. })));
     }
 }

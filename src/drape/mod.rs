@@ -173,12 +173,16 @@ pub struct Info {
 pub struct Output {
     /// Vertices [m], shape `[vertices, 3]`.
     pub points: Vec<Vec3>,
+    /// Rest offset of each vertex from its node, as re-measured after the transfer and turned
+    /// with the cloth [m], shape `[vertices, 3]`.
+    pub rest_offsets: Vec<Vec3>,
     /// What was achieved.
     pub info: Info,
 }
 
 /// Why a garment could not be draped.
 #[derive(Debug, ThisError)]
+#[expect(missing_docs, reason = "the messages name the fields")]
 pub enum Error {
     /// The arrays do not fit the garment.
     #[error("{garment}: {what} has {found} elements, {expected} expected")]
@@ -261,7 +265,11 @@ pub fn run_with_progress(
     info.at_rest = info.residual <= params.rest_tolerance;
     info.contacts = simulation.contact.contacts(&simulation.points()).stencils.len();
     progress(1.0, "done");
-    Ok(Output { points: simulation.offsets.vertices(&simulation.x), info })
+    Ok(Output {
+        points: simulation.offsets.vertices(&simulation.x),
+        rest_offsets: simulation.offsets.vectors().to_vec(),
+        info,
+    })
 }
 
 /// Pushes what is tangled to its right side, at rest after every push; returns whether there
@@ -405,7 +413,11 @@ fn check(input: &Input<'_>, params: &Params) -> Result<(), Error> {
         }
     }
     if !(params.gravity.is_finite() && params.gravity >= 0.0) {
-        return Err(Error::Setting { name: "gravity", value: params.gravity, rule: "finite and not negative" });
+        return Err(Error::Setting {
+            name: "gravity",
+            value: params.gravity,
+            rule: "finite and not negative",
+        });
     }
     Ok(())
 }

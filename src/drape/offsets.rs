@@ -72,6 +72,11 @@ impl Offsets {
         }
     }
 
+    /// The vector from each vertex's node to the vertex, as last turned [m].
+    pub fn vectors(&self) -> &[Vec3] {
+        &self.world
+    }
+
     /// Vertices from nodes.
     pub fn vertices(&self, x: &[Vec3]) -> Vec<Vec3> {
         self.node_of_vertex.iter().zip(&self.world).map(|(&n, o)| x[n as usize] + o).collect()
@@ -105,9 +110,9 @@ fn frame(ring: &[Ring], points: &[Vec3]) -> Matrix3<f64> {
         warp += (b - a) * w.x + (c - a) * w.y;
     }
     let normal = normal.try_normalize(0.0).unwrap_or_else(Vec3::z);
-    let warp = (warp - normal * normal.dot(&warp)).try_normalize(0.0).unwrap_or_else(|| {
-        normal.cross(&Vec3::ith(normal.iamin(), 1.0)).normalize()
-    });
+    let warp = (warp - normal * normal.dot(&warp))
+        .try_normalize(0.0)
+        .unwrap_or_else(|| normal.cross(&Vec3::ith(normal.iamin(), 1.0)).normalize());
     Matrix3::from_columns(&[warp, normal.cross(&warp), normal])
 }
 
@@ -118,12 +123,18 @@ mod tests {
 
     fn patched() -> Garment {
         let p = |x: f64, y: f64, z: f64| Vec3::new(x, y, z);
-        let points =
-            vec![p(0., 0., 0.), p(1., 0., 0.), p(0., 1., 0.), p(1., 1., 0.), p(0., 0., 0.1), p(0.3, 0., 0.1), p(0., 0.3, 0.1)];
+        let points = vec![
+            p(0., 0., 0.),
+            p(1., 0., 0.),
+            p(0., 1., 0.),
+            p(1., 1., 0.),
+            p(0., 0., 0.1),
+            p(0.3, 0., 0.1),
+            p(0., 0.3, 0.1),
+        ];
         let uv = |i: usize| Vec2::new(points[i].x, points[i].y);
         let triangles = vec![[0, 1, 2], [1, 3, 2], [4, 5, 6]];
-        let corner_pattern =
-            triangles.iter().map(|t: &[u32; 3]| t.map(|i| uv(i as usize))).collect();
+        let corner_pattern = triangles.iter().map(|t: &[u32; 3]| t.map(|i| uv(i as usize))).collect();
         let seam = AuthoredSeam { name: "pocket".into(), pairs: vec![[4, 0]], offset: true };
         let source = GarmentSource {
             mesh: TriMesh { points: points.clone(), triangles },

@@ -197,7 +197,8 @@ impl<'a> Simulation<'a> {
 
     /// Mean weight of a node [N] (with standard gravity where there is none).
     pub fn node_weight(&self) -> f64 {
-        let free: Vec<f64> = self.masses.iter().zip(&self.pinned).filter(|(_, p)| !**p).map(|(m, _)| *m).collect();
+        let free: Vec<f64> =
+            self.masses.iter().zip(&self.pinned).filter(|(_, p)| !**p).map(|(m, _)| *m).collect();
         let g = if self.params.gravity > 0.0 { self.params.gravity } else { 9.81 };
         g * free.iter().sum::<f64>() / free.len().max(1) as f64
     }
@@ -233,9 +234,16 @@ impl<'a> Simulation<'a> {
         }
         self.contact.refresh(&points);
         let contacts = self.contact.contacts(&points);
-        let target = (0..self.x.len())
-            .map(|i| if self.pinned[i] { self.x[i] } else { self.x[i] + self.v[i] * h + self.gravity * (h * h) })
-            .collect();
+        let target =
+            (0..self.x.len())
+                .map(|i| {
+                    if self.pinned[i] {
+                        self.x[i]
+                    } else {
+                        self.x[i] + self.v[i] * h + self.gravity * (h * h)
+                    }
+                })
+                .collect();
         let friction = self.lag_friction(&contacts, h);
         let problem = Problem { start: self.x.clone(), target, inertia: 1.0 / (h * h), friction };
         let (x, info) = self.minimise(&problem, self.params.max_newton)?;
@@ -392,7 +400,7 @@ impl<'a> Simulation<'a> {
         let lag = |s: &Stencil| {
             let force = s.normal_force();
             let mu = self.friction[s.nodes[0] as usize];
-            (force * mu > 0.0).then(|| Stencil {
+            (force * mu > 0.0).then_some(Stencil {
                 kind: Kind::Friction,
                 gap: 0.0,
                 radius: self.params.friction_speed * h,

@@ -75,7 +75,8 @@ impl System {
         if scale == 0.0 {
             return Ok((vec![Vec3::zeros(); self.nodes], CgInfo { converged: true, ..CgInfo::default() }));
         }
-        let right: Vec<f32> = gradient.iter().flat_map(|g| [g.x, g.y, g.z]).map(|g| (-g / scale) as f32).collect();
+        let right: Vec<f32> =
+            gradient.iter().flat_map(|g| [g.x, g.y, g.z]).map(|g| (-g / scale) as f32).collect();
         device.write(&self.right, &right)?;
         device.write(&self.solution, &vec![0.0; right.len()])?;
         let info = self.cg.solve(device, &matrix, inverse, &self.right, &self.solution, params)?;

@@ -6,12 +6,15 @@
 //!   device's twins, go through the same tree flattened ([`bvh`]).
 //! - [`winding`]: hierarchical winding numbers [Barill 2018], which tell inside from outside
 //!   also for surfaces with holes [Jacobson 2013].
+//! - [`bulk`]: winding numbers and closest points of many queries at once, on a device.
 //! - [`intersect`]: exact triangle-triangle tests.
 //! - [`sdf`]: the narrow-band signed distance of paper section 5.1.
 //! - [`skin`]: the part of a body that something outside can touch.
 //!
-//! Everything here is `f64` and deterministic: results do not depend on the number of threads.
+//! Everything but [`bulk`] is `f64`, and all is deterministic: results do not depend on the
+//! number of threads.
 
+pub mod bulk;
 pub mod bvh;
 pub mod intersect;
 pub mod sdf;

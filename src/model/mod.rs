@@ -3,12 +3,14 @@
 //! Nothing here computes a stage of the pipeline. Garments are held *unwelded*: vertices of
 //! panels that are sewn together are distinct, and seams tie them (see [`seam`]).
 
+pub mod chain;
 pub mod character;
 pub mod fabric;
 pub mod garment;
 pub mod mesh;
 pub mod seam;
 
+pub use chain::{Chain, seam_mismatch};
 pub use character::{Character, Collider, Skeleton, Skin};
 pub use fabric::Fabric;
 pub use garment::{AuthoredSeam, Garment, GarmentSource, Panel, SourceError};

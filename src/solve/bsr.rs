@@ -90,7 +90,7 @@ impl Bsr {
 impl Operator for Bsr {
     fn apply(&self, device: &Device, x: &Buffer<f32>, y: &Buffer<f32>) -> Result<(), DeviceError> {
         let rows = Rows { n: self.rows as u32, pad: [0; 3] };
-        device.run(&BSR_MULTIPLY, 3 * self.rows, &rows, &[&self.row_start, &self.columns, &self.blocks, x, y])
+        device.run(&BSR_MULTIPLY, self.rows, &rows, &[&self.row_start, &self.columns, &self.blocks, x, y])
     }
 }
 

@@ -2,7 +2,9 @@
 //!
 //! Vectors are `f32` buffers. Dot products follow a fixed two-level tree, and the scalars of
 //! the conjugate gradient method stay on the device between checks.
+//! [`cholesky`] is the exception: small exact systems stay on the host, in `f64`.
 
 pub mod bsr;
 pub mod cg;
+pub mod cholesky;
 pub mod vector;

@@ -77,17 +77,16 @@ impl Query<'_> {
         if size == 1 {
             return self.single(lo, &centre, distance, inside, out);
         }
-        let mut sign = inside;
+        // The surface does not enter a block that is farther from it than the block reaches.
+        let sign = inside.or_else(|| (distance > reach).then(|| is_inside(self.surface, &centre)));
         if distance > reach + DEPTH * h {
-            let is_inside = inside.unwrap_or_else(|| is_inside(self.surface, &centre));
-            if is_inside {
+            if sign == Some(true) {
                 return;
             }
             if distance + reach < self.band {
                 for_block(lo, size, 1, |cell| out.push(Active { cell, kind: Kind::Open, cut: false }));
                 return;
             }
-            sign = Some(is_inside);
         }
         for_block(lo, size, size / 2, |lo| self.sort_out(lo, size / 2, sign, out));
     }

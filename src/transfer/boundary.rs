@@ -101,6 +101,7 @@ fn cell_points(
     let h = domain.lattice.cell;
     let corner = domain.lattice.centre(domain.cells[cell]) - Vec3::repeat(0.5 * h);
     let along = |i: usize| (i as f64 + 0.5) * h / quadrature as f64;
+    let mut known = Vec::with_capacity(quadrature.pow(3));
     (0..quadrature.pow(3))
         .filter_map(|k| {
             let (i, j, l) = (k / (quadrature * quadrature), k / quadrature % quadrature, k % quadrature);
@@ -109,10 +110,27 @@ fn cell_points(
             let triangle = surface.mesh().triangles[closest.triangle as usize];
             let wanted: Vec3 =
                 (0..3).map(|c| displacement[triangle[c] as usize] * closest.barycentric[c]).sum();
-            let at = if is_inside(surface, &p) { p } else { closest.point };
+            let inside = side(surface, &p, closest.distance, &mut known);
+            let at = if inside { p } else { closest.point };
             // A surface point lies in a cell that the surface cuts, and those are active.
             let (cell, local) = domain.locate(&at)?;
             Some(Point { cell, local, displacement: wanted })
         })
         .collect()
+}
+
+/// A point whose side is known: no surface within `distance` of it.
+struct Known {
+    point: Vec3,
+    distance: f64,
+    inside: bool,
+}
+
+/// Whether `p`, `distance` away from the surface, is inside. Two points share their side
+/// where the surface does not come between them: that saves half of the winding numbers.
+fn side(surface: &Surface, p: &Vec3, distance: f64, known: &mut Vec<Known>) -> bool {
+    let shared = known.iter().find(|k| (k.point - p).norm() < k.distance.max(distance));
+    let inside = shared.map_or_else(|| is_inside(surface, p), |k| k.inside);
+    known.push(Known { point: *p, distance, inside });
+    inside
 }

@@ -5,10 +5,14 @@
 //! to its closest point of the body, with a ring of cells around, so that they hang together
 //! with the band. They are solved after the band, whose nodes keep their displacement: what
 //! is there does not change, and one garment's extension cannot alter another's.
+//!
+//! Extensions have no volume term: nothing is pinched so far from the body, and thin strands
+//! of cells, free on most sides, buckle under the pressure of a strong compression (trousers
+//! between the legs of a child's body turned inside out).
 
 use std::collections::BTreeSet;
 
-use super::boundary::{Boundary, is_inside};
+use super::boundary::Boundary;
 use super::domain::{Coordinates, Domain, Kind};
 use super::field::{Field, InnerInfo, Problem};
 use super::{Error, Params};
@@ -43,10 +47,7 @@ pub fn extend(
     let active = cells
         .into_iter()
         .filter(|&cell| band.domain.find_cell(cell).is_none())
-        .map(|cell| {
-            let inside = is_inside(surface, &lattice.centre(cell));
-            (cell, if inside { Kind::Deep } else { Kind::Open })
-        })
+        .map(|cell| (cell, Kind::Deep))
         .collect();
     let domain = Domain::new(lattice, active)?;
     let held: Vec<Option<usize>> = domain.nodes.iter().map(|&node| band.domain.find_node(node)).collect();

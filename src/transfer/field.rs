@@ -133,7 +133,7 @@ impl<'a> Problem<'a> {
     ///
     /// # Errors
     /// A device's failure.
-    pub fn solve(&self, u: &mut Vec<Vec3>) -> Result<InnerInfo, DeviceError> {
+    pub fn solve(&self, u: &mut [Vec3]) -> Result<InnerInfo, DeviceError> {
         let mut info = InnerInfo::default();
         let mut acceleration = Anderson::default();
         let mut solved = true;
@@ -211,13 +211,13 @@ struct Anderson {
 impl Anderson {
     /// Moves `u` on by `step`, corrected by what the last iterates teach; `remember` is
     /// false for a step that is not the fixed point's own.
-    fn advance(&mut self, u: &mut Vec<Vec3>, step: Vec<Vec3>, remember: bool) {
+    fn advance(&mut self, u: &mut [Vec3], step: Vec<Vec3>, remember: bool) {
         if !remember {
             u.iter_mut().zip(&step).for_each(|(u, d)| *u += d);
             return;
         }
         let weights = self.weights(&step);
-        let last = u.clone();
+        let last = u.to_vec();
         for i in 0..u.len() {
             let mut next = last[i] + step[i];
             for (k, w) in weights.iter().enumerate() {

@@ -24,7 +24,8 @@
 //!
 //! # What differs from the paper
 //! - Momentum is `-div(nu D(u)) + grad p`; the printed form lacks the divergence.
-//! - The best rigid motion is taken out first ([`align`]).
+//! - The best rigid motion is taken out first, and with it what exceeds a tenth in size
+//!   ([`align`]).
 //! - Cells deep inside the body have no volume term: a shrinking body is not resisted.
 //! - The band depends on the body pair alone, and so does the number of outer loops. A
 //!   garment that reaches beyond is given cells of its own ([`extension`]), so its result

@@ -20,7 +20,7 @@ const STALLED: f64 = 0.9;
 
 /// Where the lattice starts in each outer iteration, in cells along the diagonal: what one
 /// lattice cannot represent the next one may (p99 gap of a heavy man 1.5 mm without, 1.1 with).
-const SHIFTS: [f64; 4] = [0.5, 0.25, 0.75, 0.0];
+const SHIFTS: [f64; 4] = [0.0, 0.5, 0.25, 0.75];
 
 /// The body's outer skin.
 struct Skin {
@@ -120,7 +120,7 @@ pub(super) fn run(device: &Device, input: &Input<'_>, params: &Params) -> Result
     }
     let areas = skin_mesh.point_areas();
     let skin = Skin { triangles: skin_mesh.triangles, of_body };
-    let motion = Motion::best_rigid(&skin_mesh.points, &skin.points(&input.target.points), &areas);
+    let motion = Motion::best(&skin_mesh.points, &skin.points(&input.target.points), &areas);
     let (lo, hi) = input.source.bounds().ok_or(Error::Empty)?;
     let flow = Flow { device, params, skin, target: input.target.points.clone(), reach: (hi - lo).norm() };
     let mut state = State {

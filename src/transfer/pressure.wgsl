@@ -17,11 +17,16 @@ fn displacement(cell: u32, a: u32) -> vec3<f32> {
     return vec3<f32>(u[j], u[j + 1u], u[j + 2u]);
 }
 
-// Weights of the four edges along one axis at Gauss point `g` of the square across it.
-fn across(d: array<vec3<f32>, 4>, g: u32) -> vec3<f32> {
-    let s = select(vec2<f32>(NEAR, FAR), vec2<f32>(FAR, NEAR), vec2<bool>((g & 2u) != 0u, (g & 2u) != 0u));
-    let t = select(vec2<f32>(NEAR, FAR), vec2<f32>(FAR, NEAR), vec2<bool>((g & 1u) != 0u, (g & 1u) != 0u));
-    return s.x * (t.x * d[0] + t.y * d[1]) + s.y * (t.x * d[2] + t.y * d[3]);
+// The gradient's column along the edge from node `a` to node `b`.
+fn edge(cell: u32, a: u32, b: u32) -> vec3<f32> {
+    return (1.0 / cells.side) * (displacement(cell, b) - displacement(cell, a));
+}
+
+// The four parallel edges' columns at Gauss point `g` of the square across them.
+fn across(d0: vec3<f32>, d1: vec3<f32>, d2: vec3<f32>, d3: vec3<f32>, g: u32) -> vec3<f32> {
+    let s = select(vec2<f32>(NEAR, FAR), vec2<f32>(FAR, NEAR), (g & 2u) != 0u);
+    let t = select(vec2<f32>(NEAR, FAR), vec2<f32>(FAR, NEAR), (g & 1u) != 0u);
+    return s.x * (t.x * d0 + t.y * d1) + s.y * (t.x * d2 + t.y * d3);
 }
 
 @compute @workgroup_size(64)
@@ -32,19 +37,28 @@ fn main(@builtin(global_invocation_id) gid: vec3<u32>, @builtin(num_workgroups) 
         pressure[cell] = 0.0;
         return;
     }
-    var v: array<vec3<f32>, 8>;
-    for (var a = 0u; a < 8u; a++) { v[a] = displacement(cell, a); }
-    let scale = 1.0 / cells.side;
-    let dx = array<vec3<f32>, 4>(scale * (v[4] - v[0]), scale * (v[5] - v[1]), scale * (v[6] - v[2]), scale * (v[7] - v[3]));
-    let dy = array<vec3<f32>, 4>(scale * (v[2] - v[0]), scale * (v[3] - v[1]), scale * (v[6] - v[4]), scale * (v[7] - v[5]));
-    let dz = array<vec3<f32>, 4>(scale * (v[1] - v[0]), scale * (v[3] - v[2]), scale * (v[5] - v[4]), scale * (v[7] - v[6]));
+    let x0 = edge(cell, 0u, 4u);
+    let x1 = edge(cell, 1u, 5u);
+    let x2 = edge(cell, 2u, 6u);
+    let x3 = edge(cell, 3u, 7u);
+    let y0 = edge(cell, 0u, 2u);
+    let y1 = edge(cell, 1u, 3u);
+    let y2 = edge(cell, 4u, 6u);
+    let y3 = edge(cell, 5u, 7u);
+    let z0 = edge(cell, 0u, 1u);
+    let z1 = edge(cell, 2u, 3u);
+    let z2 = edge(cell, 4u, 5u);
+    let z3 = edge(cell, 6u, 7u);
     var sum = 0.0;
     for (var g = 0u; g < 8u; g++) {
-        let gx = across(dx, g & 3u);
-        let gy = across(dy, ((g >> 1u) & 2u) | (g & 1u));
-        let gz = across(dz, g >> 1u);
+        let gx = across(x0, x1, x2, x3, g & 3u);
+        let gy = across(y0, y1, y2, y3, ((g >> 1u) & 2u) | (g & 1u));
+        let gz = across(z0, z1, z2, z3, g >> 1u);
         let trace = gx.x + gy.y + gz.z;
-        let j = determinant(mat3x3<f32>(gx, gy, gz) + mat3x3<f32>(1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)) - 1.0;
+        let x = gx + vec3<f32>(1.0, 0.0, 0.0);
+        let y = gy + vec3<f32>(0.0, 1.0, 0.0);
+        let z = gz + vec3<f32>(0.0, 0.0, 1.0);
+        let j = dot(x, cross(y, z)) - 1.0;
         sum += trace - min(0.0, j);
     }
     pressure[cell] = 0.125 * sum / cells.compliance;

@@ -195,14 +195,15 @@ fn moved_and_turned_bodies_take_the_garment_along() {
     let source = sphere(Vec3::new(0.1, 1.0, -0.2), 0.12, 4);
     let garment = sphere(Vec3::new(0.1, 1.0, -0.2), 0.15, 3).points;
     let turn = *nalgebra::Rotation3::from_euler_angles(0.3, -0.8, 1.1).matrix();
-    let maps: [(f64, Box<dyn Fn(&Vec3) -> Vec3>); 3] = [
-        (1e-5, Box::new(|p| *p)),
-        (1e-6, Box::new(|p| p + Vec3::new(0.7, -0.2, 1.3))),
-        (1e-6, Box::new(move |p| turn * p + Vec3::new(0.2, 0.1, 0.0))),
+    let motions = [
+        (1e-5, Matrix3::identity(), Vec3::zeros()),
+        (1e-6, Matrix3::identity(), Vec3::new(0.7, -0.2, 1.3)),
+        (1e-6, turn, Vec3::new(0.2, 0.1, 0.0)),
     ];
-    for (tolerance, map) in maps {
-        let out = transfer(&source, &mapped(&source, &map), &garment, &Params::default());
-        let expected: Vec<Vec3> = garment.iter().map(&map).collect();
+    for (tolerance, linear, shift) in motions {
+        let map = |p: &Vec3| linear * p + shift;
+        let out = transfer(&source, &mapped(&source, map), &garment, &Params::default());
+        let expected: Vec<Vec3> = garment.iter().map(map).collect();
         assert!(farthest(&out.garments[0], &expected) < tolerance);
         assert!(out.infos[0].converged && (out.infos[0].determinant_min - 1.0).abs() < 1e-6);
     }
@@ -211,16 +212,16 @@ fn moved_and_turned_bodies_take_the_garment_along() {
 #[test]
 fn a_growing_sphere_carries_its_shell_outwards() {
     let source = sphere(Vec3::zeros(), 0.12, 5);
-    let target = mapped(&source, |p| p * (0.15 / 0.12));
+    let target = mapped(&source, |p| p * (0.13 / 0.12));
     let garment = sphere(Vec3::zeros(), 0.14, 4).points;
     let out = transfer(&source, &target, &garment, &Params::default());
     let info = &out.infos[0];
     assert!(info.converged && info.gap_p99_m < 1e-3, "{info:?}");
     let radii: Vec<f64> = out.garments[0].iter().map(|p| p.norm()).collect();
     let (low, high) = radii.iter().fold((f64::MAX, 0.0f64), |(l, h), r| (l.min(*r), h.max(*r)));
-    // The flow decays from 30 mm at the skin: the shell stays outside and near it.
-    assert!(low > 0.155 && high < 0.17, "{low} {high}");
-    assert!(high - low < 0.004, "the lattice shows: {low} {high}");
+    // The flow decays from 10 mm at the skin; a shell 20 mm away goes most of the way.
+    assert!(low > 0.144 && high < 0.150, "{low} {high}");
+    assert!(high - low < 0.001, "the lattice shows: {low} {high}");
     assert_eq!(info.points_inside, 0);
 }
 

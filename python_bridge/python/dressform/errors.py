@@ -51,3 +51,25 @@ def where(file: str, prim: str = "", attribute: str = "", element: int | None = 
     if element is not None:
         spot += f"[{element}]"
     return " ".join(part for part in (file, spot) if part) or "input"
+
+
+class BadSettings(BadInput):
+    """The settings name an unknown key, or a value of the wrong kind or out of range."""
+
+
+class NoDevice(DressformError):
+    """No adapter fits, or the one that was opened is refused, lost or out of memory."""
+
+    exit_code = 4
+
+
+class InternalFault(DressformError):
+    """A bug of dressform's own."""
+
+    exit_code = 5
+
+
+class NotInstalled(DressformError):
+    """An optional part is missing; says what to install."""
+
+    exit_code = 2

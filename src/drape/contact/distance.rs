@@ -57,11 +57,8 @@ pub fn segment_segment(a0: &Vec3, a1: &Vec3, b0: &Vec3, b1: &Vec3) -> (f64, f64)
         return ((-ar / aa).clamp(0.0, 1.0), 0.0);
     }
     let denominator = aa * bb - ab * ab;
-    let s = if denominator > 1e-14 * aa * bb {
-        ((ab * br - ar * bb) / denominator).clamp(0.0, 1.0)
-    } else {
-        0.5
-    };
+    let s =
+        if denominator > 1e-14 * aa * bb { ((ab * br - ar * bb) / denominator).clamp(0.0, 1.0) } else { 0.5 };
     let t = (ab * s + br) / bb;
     if t < 0.0 {
         ((-ar / aa).clamp(0.0, 1.0), 0.0)

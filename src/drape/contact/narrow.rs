@@ -132,7 +132,13 @@ fn fill(scene: &Scene<'_>, ids: &[u32; 4], weights: &[f64; 4], stencil: &mut Ste
 }
 
 /// Fades a contact of near-parallel segments out, with the force that goes with it.
-fn fade(scene: &Scene<'_>, corners: &[Vec3; 4], ids: &[u32; 4], stencil: &mut Stencil, list: &mut Vec<Stencil>) {
+fn fade(
+    scene: &Scene<'_>,
+    corners: &[Vec3; 4],
+    ids: &[u32; 4],
+    stencil: &mut Stencil,
+    list: &mut Vec<Stencil>,
+) {
     let (a, b) = (corners[1] - corners[0], corners[3] - corners[2]);
     let (aa, bb, ab) = (a.norm_squared(), b.norm_squared(), a.dot(&b));
     let cross = (aa * bb - ab * ab).max(0.0);

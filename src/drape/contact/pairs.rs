@@ -50,7 +50,10 @@ pub enum Mode {
     Clean,
     /// Starts tangled: spring along the signed distance, may pass. Pairs of one garment have
     /// the sign that the gap has on the source; colliders know theirs.
-    Wrong { sign: f64 },
+    Wrong {
+        /// The sign that the gap is to have.
+        sign: f64,
+    },
 }
 
 /// A pair of primitives.
@@ -176,7 +179,8 @@ impl Scene<'_> {
             let gap = role.shape().gap(&source);
             pair.radius = radius.min(SOURCE_SHARE * gap.norm());
             if tangled.contains(&(role, a, b)) {
-                let sign = if gap.norm() < SIDE_REACH { orientation(role, &source, &gap).signum() } else { 0.0 };
+                let sign =
+                    if gap.norm() < SIDE_REACH { orientation(role, &source, &gap).signum() } else { 0.0 };
                 pair.mode = Mode::Wrong { sign };
             }
             Some(pair)

@@ -213,14 +213,8 @@ static STENCIL_DIAGONAL: Kernel = Kernel {
         out.par_iter_mut().with_min_len(GRAIN).enumerate().for_each(|(node, out)| {
             let e = &elastic[at[node] as usize];
             let m = mass[node] * inertia;
-            let mut d = [
-                e[0] + m,
-                e[4] + m,
-                e[8] + m,
-                0.5 * (e[5] + e[7]),
-                0.5 * (e[2] + e[6]),
-                0.5 * (e[1] + e[3]),
-            ];
+            let mut d =
+                [e[0] + m, e[4] + m, e[8] + m, 0.5 * (e[5] + e[7]), 0.5 * (e[2] + e[6]), 0.5 * (e[1] + e[3])];
             for &item in &items[start[node] as usize..start[node + 1] as usize] {
                 let w = weights[item as usize];
                 for k in 0..6 {
@@ -325,7 +319,12 @@ impl Stencils {
     ///
     /// # Errors
     /// A device's failure.
-    pub fn new(device: &Device, nodes: usize, list: &[Stencil], moved: &[Vec3]) -> Result<Stencils, DeviceError> {
+    pub fn new(
+        device: &Device,
+        nodes: usize,
+        list: &[Stencil],
+        moved: &[Vec3],
+    ) -> Result<Stencils, DeviceError> {
         // A buffer is never empty: a stencil without weight stands for none.
         let mut packed: Vec<Packed> = list.iter().map(pack).collect();
         packed.resize(packed.len().max(1), Packed::zeroed());
@@ -417,16 +416,8 @@ impl Stencils {
         out: &BlockDiagonal,
     ) -> Result<(), DeviceError> {
         let sizes = self.sizes(self.nodes, inertia);
-        let buffers: [&dyn crate::device::AnyBuffer; 8] = [
-            &self.start,
-            &self.items,
-            &self.weights,
-            &self.block,
-            mass,
-            at,
-            &elastic.blocks,
-            &out.blocks,
-        ];
+        let buffers: [&dyn crate::device::AnyBuffer; 8] =
+            [&self.start, &self.items, &self.weights, &self.block, mass, at, &elastic.blocks, &out.blocks];
         device.run(&STENCIL_DIAGONAL, self.nodes, &sizes, &buffers)
     }
 }
@@ -485,7 +476,15 @@ mod tests {
                     Kind::Friction => (0.0, 1e-5),
                     _ => (2e-3 * t, 2e-3),
                 };
-                Stencil { kind, nodes, weights: [t, 1.0 - t, -0.3, -0.7], normal, gap, radius, stiffness: 500.0 }
+                Stencil {
+                    kind,
+                    nodes,
+                    weights: [t, 1.0 - t, -0.3, -0.7],
+                    normal,
+                    gap,
+                    radius,
+                    stiffness: 500.0,
+                }
             })
             .collect();
         (list, moved)

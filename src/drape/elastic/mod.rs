@@ -32,7 +32,7 @@ mod judge;
 pub mod membrane;
 pub mod stretch;
 #[cfg(test)]
-mod tests;
+pub(crate) mod tests;
 
 use bytemuck::{Pod, Zeroable};
 use nalgebra::Vector3;
@@ -65,6 +65,7 @@ pub const KERNELS: &[&Kernel] = &[
 
 /// Why an energy cannot be evaluated.
 #[derive(Clone, Debug, Error, PartialEq)]
+#[expect(missing_docs, reason = "the messages name the fields")]
 pub enum Error {
     /// The device failed.
     #[error(transparent)]

@@ -232,7 +232,7 @@ fn bending_hessian_is_gauss_newton() {
             }
         }
         let expected = jacobian.transpose() * jacobian;
-        let found = super::twins::dense_hessian(&device, &cloth, &points);
+        let found = twins::dense_hessian(&device, &cloth, &points);
         let error = (&found - &expected).abs().max();
         assert!(error < 1e-4 * expected.abs().max(), "{error:e} of {:e}", expected.abs().max());
     }
@@ -257,7 +257,7 @@ fn hessian_is_the_gradients_in_tension() {
                 expected[(r, k)] = (a[r / 3][r % 3] - b[r / 3][r % 3]) / 2e-7;
             }
         }
-        let found = super::twins::dense_hessian(&device, &cloth, &points);
+        let found = twins::dense_hessian(&device, &cloth, &points);
         let error = (&found - &expected).abs().max();
         assert!(error < 1e-5 * expected.abs().max(), "{error:e} of {:e}", expected.abs().max());
     }
@@ -267,7 +267,7 @@ fn hessian_is_the_gradients_in_tension() {
 fn hessian_is_symmetric_and_positive_semidefinite() {
     let device = crate::device::Device::cpu();
     for (cloth, points) in states() {
-        let hessian = super::twins::dense_hessian(&device, &cloth, &points);
+        let hessian = twins::dense_hessian(&device, &cloth, &points);
         assert!(hessian == hessian.transpose());
         let values = hessian.symmetric_eigenvalues();
         // f32 rounding of entries of size `max` over about 20 blocks a row.

@@ -1,0 +1,73 @@
+"""dressform fits outfits to characters: transfer, pattern refit, drape, rig, as USD layers.
+
+    import dressform
+
+    result = dressform.fit("outfit.usda", "character.usdc", "dressed.usda")
+    print(result.passed, result.garments[0].certificate.body_intersections)
+
+Arrays without USD: :func:`dressform.fit_arrays` over the data classes of :mod:`dressform.model`.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+from ._native import version as __version__
+
+if TYPE_CHECKING:
+    from .errors import (
+        BadInput,
+        BadOutput,
+        BadSettings,
+        DressformError,
+        InternalFault,
+        NoDevice,
+        NotInstalled,
+    )
+    from .fitting import fit
+    from .native import Fitted, fit_arrays
+    from .result import Result
+    from .settings import Settings, load
+
+#: Where each name lives; loaded when it is first asked for, so that the command line starts fast.
+_HOMES = {
+    "BadInput": "errors",
+    "BadOutput": "errors",
+    "BadSettings": "errors",
+    "DressformError": "errors",
+    "Fitted": "native",
+    "InternalFault": "errors",
+    "NoDevice": "errors",
+    "NotInstalled": "errors",
+    "Result": "result",
+    "Settings": "settings",
+    "fit": "fitting",
+    "fit_arrays": "native",
+    "load": "settings",
+}
+
+__all__ = [
+    "BadInput",
+    "BadOutput",
+    "BadSettings",
+    "DressformError",
+    "Fitted",
+    "InternalFault",
+    "NoDevice",
+    "NotInstalled",
+    "Result",
+    "Settings",
+    "__version__",
+    "fit",
+    "fit_arrays",
+    "load",
+]
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _HOMES:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    value = getattr(import_module(f".{_HOMES[name]}", __name__), name)
+    globals()[name] = value
+    return value

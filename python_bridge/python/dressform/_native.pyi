@@ -1,0 +1,19 @@
+"""The Rust core (``python_bridge/src``). Use the package ``dressform`` instead."""
+
+from collections.abc import Callable
+from typing import Any
+
+version: str
+
+def devices() -> list[dict[str, Any]]: ...
+def open_device(name: str) -> dict[str, str]: ...
+def inspect_outfit(outfit: dict[str, Any]) -> list[dict[str, Any]]: ...
+def inspect_character(character: dict[str, Any]) -> None: ...
+def default_settings_json() -> str: ...
+def fit(
+    outfit: dict[str, Any],
+    character: dict[str, Any],
+    settings_json: str,
+    device: str,
+    progress: Callable[[str, float], None] | None = None,
+) -> dict[str, Any]: ...

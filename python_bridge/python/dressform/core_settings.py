@@ -1,0 +1,187 @@
+"""Settings of the core, mirrored from the Rust structs; do not edit.
+
+Written by ``python_bridge/tools/mirror_settings.py``.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import BaseModel, ConfigDict, Field
+
+#: A whole number that counts something.
+Count = Annotated[int, Field(ge=0)]
+#: A finite number.
+Number = Annotated[float, Field(allow_inf_nan=False)]
+
+
+class CoreModel(BaseModel):
+    """Unknown keys are errors, and so are values of another kind."""
+
+    model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
+
+
+class TransferSettings(CoreModel):
+    """Settings of the transfer."""
+
+    #: Side of a grid cell [m].
+    cell: Number = 0.02
+    #: Width of the narrow band outside of the body [m]; at least two cells.
+    band: Number = 0.12
+    #: Viscosity; its unit is that of `1 / gamma`.
+    nu: Number = 100.0
+    #: Compliance of the volume term.
+    gamma: Number = 0.01
+    #: Penalty of the boundary condition, over `nu`'s unit [1/m^2].
+    beta: Number = 1000000.0
+    #: Factor on `beta` from the second outer iteration on. The first carries the garments nearly all of the
+    #: way with a soft boundary; a stiff one would hold the field flat through the whole of the cut cells. The
+    #: small rest is closed sooner with a stiff one.
+    stiffening: Number = 10.0
+    #: Boundary quadrature points along each axis of a cut cell.
+    quadrature: Count = 2
+    #: Most iterations of the inner loop.
+    inner_iterations: Count = 30
+    #: The inner loop ends when no node moves farther than this [m].
+    inner_tolerance: Number = 0.0001
+    #: Tolerance of a linear solve, relative to its own right-hand side.
+    cg_tolerance: Number = 0.1
+    #: Most iterations of a linear solve.
+    cg_iterations: Count = 2000
+    #: Most iterations of the outer loop.
+    outer_iterations: Count = 10
+    #: The outer loop ends when the 99th percentile of the outer skin's gap is below [m].
+    gap_p99: Number = 0.001
+    #: The 99th percentile of the gap near garments up to which the transfer counts as converged [m].
+    gap_accepted: Number = 0.002
+    #: Skin within this distance of a garment counts for the garment's gap [m].
+    near: Number = 0.08
+
+
+class PatternSettings(CoreModel):
+    """Settings of the pattern refit."""
+
+    #: Fit of the garment. "keep": As tight or loose as on the source: the source's stretch is kept. "loose":
+    #: Without stretch on the carried shape.
+    fit: Literal["keep", "loose"] = "keep"
+    #: Weight of the outline's shape against the cloth's strain (dimensionless).
+    outline_weight: Number = 0.1
+    #: Pull of every vertex towards its original place (dimensionless): settles where each panel lies, nothing
+    #: else.
+    anchor_weight: Number = 1e-08
+    #: Change of relative length difference between sewn chains that is good enough.
+    seam_tolerance: Number = 0.0001
+    #: Most solves that may be spent on it.
+    seam_iterations: Count = 20
+    #: Whether inner vertices are smoothed by the Dirichlet energy afterwards.
+    tidy: bool = True
+
+
+class DrapeClothSettings(CoreModel):
+    """How a cloth is made from a garment."""
+
+    #: Bending stiffness of a seam over that of the cloth around it (dimensionless): a seam has its allowances
+    #: pressed to it, so three plies.
+    seam_bending: Number = 3.0
+    #: Whether panels keep the curvature that they have on the source body.
+    curved_panels: bool = False
+
+
+class DrapeSettings(CoreModel):
+    """Settings of the drape."""
+
+    #: Frames of the untangling phase (1/24 s each).
+    frames: Count = 6
+    #: Time steps in a frame.
+    steps_per_frame: Count = 4
+    #: Share of the velocity that each untangling step takes away.
+    damping: Number = 0.9
+    #: Whether a settling phase follows.
+    settle: bool = False
+    #: Most frames of the settling phase.
+    settle_frames: Count = 96
+    #: Share of the velocity that each settling step takes away.
+    settle_damping: Number = 0.05
+    #: At rest when the largest net force on a node is below this many mean node weights.
+    rest_tolerance: Number = 0.1
+    #: A step has converged when the largest unbalanced force on a node is below this many mean node weights.
+    tolerance: Number = 0.01
+    #: Most Newton iterations in a step.
+    max_newton: Count = 80
+    #: Relative residual of the linear solves.
+    cg_tolerance: Number = 0.01
+    #: Most conjugate-gradient iterations in a solve.
+    max_cg: Count = 2000
+    #: Distance at which bodies and other solids resist [m] (paper: eps_sdf, 0.2 cm).
+    body_distance: Number = 0.002
+    #: Distance at which finished lower garments resist [m].
+    layer_distance: Number = 0.002
+    #: Distance at which parts of the garment resist each other [m].
+    self_distance: Number = 0.002
+    #: Contact stiffness for each unit of cloth area [N/m^3] (paper: 2,500,000).
+    contact_stiffness: Number = 2500000.0
+    #: Sliding speed up to which friction only sticks [m/s].
+    friction_speed: Number = 0.001
+    #: Gravity along -Y [m/s^2].
+    gravity: Number = 9.81
+    #: Most further untangling steps if anything crosses after the phases.
+    repair_steps: Count = 24
+    #: Rest shape of the cloth.
+    cloth: DrapeClothSettings = DrapeClothSettings()
+
+
+class RigSettings(CoreModel):
+    """Settings of the rig."""
+
+    #: Most influences for a vertex.
+    influences: Count = 4
+    #: Farthest body point that the search along the normal accepts [m].
+    distance: Number = 0.08
+    #: Largest angle between the normals of cloth and body [degrees].
+    cone: Number = 60.0
+    #: Rounds of averaging the cloth's normals with their neighbours'.
+    smoothing: Count = 8
+
+
+class ThresholdsSettings(CoreModel):
+    """Limits; one that is broken makes a result not pass."""
+
+    #: Triangle pairs of garment and body beyond what the source outfit had.
+    body_intersections_added: Count = 0
+    #: Triangle pairs between garments beyond what the source outfit had.
+    layer_intersections_added: Count = 0
+    #: Triangle pairs within a garment beyond what the source outfit had.
+    self_intersections_added: Count = 0
+    #: Depth of a vertex inside the body [m].
+    body_penetration_max_m: Number = 0.002
+    #: Transfer gap at 99 percent of the area [m].
+    gap_p99_m: Number = 0.002
+    #: Flipped triangles in the refitted pattern.
+    flipped_triangles: Count = 0
+    #: Relative difference in length of sewn chains.
+    seam_mismatch_max: Number = 0.005
+    #: Deviation of a sewn vertex from where it is sewn [m].
+    seam_gap_max_m: Number = 0.0001
+    #: Deviation of a vertex's weights from a sum of 1.
+    weight_sum_error_max: Number = 1e-05
+    #: Difference of a weight across a seam.
+    seam_weight_error_max: Number = 1e-06
+    #: Whether the transfer must have converged.
+    transfer_converged: bool = True
+    #: Whether every step of the drape must have converged.
+    drape_converged: bool = True
+
+
+class CoreSettings(CoreModel):
+    """Every setting of every stage."""
+
+    #: 3D transfer.
+    transfer: TransferSettings = TransferSettings()
+    #: Pattern refit.
+    pattern: PatternSettings = PatternSettings()
+    #: Draper.
+    drape: DrapeSettings = DrapeSettings()
+    #: Rig.
+    rig: RigSettings = RigSettings()
+    #: What makes a result pass.
+    thresholds: ThresholdsSettings = ThresholdsSettings()

@@ -1,0 +1,79 @@
+"""Between the data classes of :mod:`dressform.model` and the Rust core's dictionaries."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import dataclass, fields
+from typing import Any
+
+from . import _native
+from .model import AuthoredSeam, Character, Collider, DressedGarment, Fabric, GarmentSource, Outfit, Panel
+
+#: Called with the stage's name and the fraction of it that is done, 0 to 1.
+Progress = Callable[[str, float], None]
+
+#: Fields that only reading and writing stages need; the core never sees them.
+_BOOKKEEPING = {"origin", "pattern_origin", "notes", "file", "frame", "variants"}
+_RECORDS = (AuthoredSeam, Character, Collider, Fabric, GarmentSource, Outfit, Panel)
+
+
+@dataclass
+class Fitted:
+    """What the core gives back: arrays for each garment, and the report."""
+
+    garments: list[DressedGarment]
+    report: dict[str, Any]
+
+
+def fit_arrays(
+    outfit: Outfit,
+    character: Character,
+    settings_json: str = "{}",
+    device: str = "auto",
+    progress: Progress | None = None,
+) -> Fitted:
+    """Fits an outfit to a character: arrays in and out, no USD.
+
+    Args:
+        outfit: garments on their source bodies, metres, Y up.
+        character: the target.
+        settings_json: settings that differ from the defaults, as JSON.
+        device: ``auto``, ``cpu``, ``gpu`` or a part of an adapter's name.
+        progress: called from this thread while the core runs.
+
+    Raises:
+        BadInput: arrays that do not fit together; names garment, field and element.
+        BadSettings: an unknown key or a wrong value.
+        NoDevice: no such device, or it failed.
+        InternalFault: a bug of the core.
+    """
+    answer = _native.fit(record(outfit), record(character), settings_json, device, progress)
+    return Fitted([_dressed(g) for g in answer["garments"]], json.loads(answer["report"]))
+
+
+def record(value: Any) -> Any:
+    """A data class as a dictionary, arrays untouched and bookkeeping left out."""
+    if isinstance(value, _RECORDS):
+        names = (f.name for f in fields(value) if f.name not in _BOOKKEEPING)
+        return {name: record(getattr(value, name)) for name in names}
+    if isinstance(value, list):
+        return [record(v) for v in value]
+    return value
+
+
+def _dressed(garment: dict[str, Any]) -> DressedGarment:
+    report = json.loads(garment["report"])
+    return DressedGarment(
+        points=garment["points"],
+        corner_pattern=garment["corner_pattern"],
+        joint_indices=garment["joint_indices"],
+        joint_weights=garment["joint_weights"],
+        influences=garment["influences"],
+        certificate=report["certificate"],
+    )
+
+
+def version() -> str:
+    """The core's version."""
+    return _native.version

@@ -1,0 +1,134 @@
+"""The result of a fit, with the keys that ``dressform fit --json`` prints.
+
+Lengths are metres, ratios and strains have no unit. Keys that later versions add are kept.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from pydantic import BaseModel, ConfigDict, Field
+
+#: First, fiftieth and ninety-ninth percentile over area.
+Percentiles = tuple[float, float, float]
+
+
+class _Report(BaseModel):
+    model_config = ConfigDict(extra="allow", frozen=True)
+
+
+class DeviceInfo(_Report):
+    """What the stages ran on."""
+
+    kind: str = Field(description="'cpu' or 'gpu'")
+    name: str
+
+
+class TransferReport(_Report):
+    """How well the body pair was met (paper section 4.1)."""
+
+    gap_max_m: float
+    gap_p99_m: float = Field(description="moved source body to target, over skin near a garment [m]")
+    gap_mean_m: float
+    body_gap_p99_m: float = Field(description="the same over the whole body [m]")
+    active_cells: int
+    outer_iterations: int
+    cg_iterations: int
+    converged: bool
+    determinant_min: float = Field(description="smallest local volume ratio where garment vertices lie")
+
+
+class PatternReport(_Report):
+    """How well the panels could follow (paper section 4.2)."""
+
+    iterations: int
+    residual: float
+    strain_change_p50: float
+    strain_change_p99: float
+    seam_mismatch_max: float = Field(description="largest relative change of length between sewn chains")
+    flipped_triangles: int
+    area_ratio: float
+
+
+class DrapeReport(_Report):
+    """How the cloth came to rest (paper section 5)."""
+
+    frames: int
+    steps: int
+    residual: float = Field(description="largest net force on a node over the mean weight of a node")
+    kinetic_energy_j: float
+    converged: bool
+    at_rest: bool
+
+
+class RigReport(_Report):
+    """Where skin weights came from (paper section 7); fractions that sum to 1."""
+
+    matched: float
+    inpainted: float
+    nearest: float
+    influences_max: int
+
+
+class Certificate(_Report):
+    """What was achieved, measured by exact tests and not by the solvers."""
+
+    body_intersections: int
+    body_penetration_max_m: float
+    layer_intersections: int
+    self_intersections: int
+    strain_warp: Percentiles
+    strain_weft: Percentiles
+    strain_shear: Percentiles
+    strain_change_p99: float
+    source_self_intersections: int
+    seam_gap_max_m: float
+    weight_sum_error_max: float
+    seam_weight_error_max: float
+
+
+class GarmentReport(_Report):
+    """One garment, through every stage."""
+
+    name: str
+    path: str
+    layer: int
+    vertices: int
+    triangles: int
+    panels: int
+    seams: int
+    transfer: TransferReport
+    pattern: PatternReport
+    drape: DrapeReport
+    rig: RigReport
+    certificate: Certificate
+
+
+class Result(_Report):
+    """What :func:`dressform.fit` returns."""
+
+    output: str
+    version: str
+    device: DeviceInfo
+    passed: bool = Field(description="no threshold of the certificate is broken")
+    broken: list[str] = Field(default_factory=list, description="the broken thresholds, in words")
+    notes: list[str] = Field(
+        default_factory=list, description="what was inferred, repaired or left out on reading"
+    )
+    seconds: dict[str, float] = Field(description="wall time for each stage, and 'total' [s]")
+    garments: list[GarmentReport]
+
+    @property
+    def path(self) -> Path:
+        """The root layer that was written."""
+        return Path(self.output)
+
+    def to_json(self) -> str:
+        """The object that ``--json`` prints."""
+        return self.model_dump_json()
+
+
+def from_report(report: dict[str, Any], **more: Any) -> Result:
+    """The core's report with what only the bridge knows."""
+    return Result.model_validate({**report, **more})

@@ -1,0 +1,80 @@
+//! The outline: neighbourhoods of border vertices and their shared scale factors.
+//!
+//! Paper section 4.2.3, edge energy, with the weight made dimensionless. For a border vertex
+//! `i` with neighbours `k` along the border, rest vectors `z_k^r` and a scale `S`:
+//!
+//! `W_i = w/2 * l * L_i * sum_k |z_k - S z_k^r|^2 / |z_k^r|^2`
+//!
+//! `L_i` is half the sum of the rest lengths and `l` the reference length, the pattern's area
+//! over the length of its border. So `sum_i l L_i` is the garment's area, and `w` says how
+//! heavily the outline's shape weighs beside the strain of the cloth, whatever the units and
+//! however fine the mesh (the paper's `W` is a length cubed, its `E` an area). One `S` is
+//! shared by all vertices of a seam group; vertices sewn with an offset have their own.
+
+use std::collections::BTreeMap;
+
+use crate::model::{Garment, Vec2};
+
+/// One border vertex and its neighbours along the border.
+#[derive(Clone, Debug)]
+pub struct Neighbourhood {
+    /// The vertex.
+    pub vertex: u32,
+    /// Neighbours with their rest vectors [m].
+    pub arms: Vec<(u32, Vec2)>,
+    /// Index of the scale factor.
+    pub scale: usize,
+    /// Half the sum of the rest lengths [m].
+    pub length: f64,
+}
+
+/// The outline of a whole garment.
+#[derive(Clone, Debug)]
+pub struct Outline {
+    /// One for each border vertex.
+    pub neighbourhoods: Vec<Neighbourhood>,
+    /// Number of scale factors.
+    pub scales: usize,
+    /// Reference length: area over border length [m].
+    pub reference_length: f64,
+}
+
+impl Outline {
+    /// The outline of the garment's original pattern.
+    pub fn new(garment: &Garment) -> Outline {
+        let mut arms: BTreeMap<u32, Vec<(u32, Vec2)>> = BTreeMap::new();
+        let mut border_length = 0.0;
+        for [u, v] in garment.border_edges() {
+            let z = garment.pattern[v as usize] - garment.pattern[u as usize];
+            border_length += z.norm();
+            arms.entry(u).or_default().push((v, z));
+            arms.entry(v).or_default().push((u, -z));
+        }
+        let area: f64 = (0..garment.triangles.len())
+            .map(|t| {
+                let [a, b, c] = garment.pattern_corners(&garment.pattern, t);
+                0.5 * (b - a).perp(&(c - a)).abs()
+            })
+            .sum();
+        let mut scale_of_key = BTreeMap::new();
+        let neighbourhoods = arms
+            .into_iter()
+            .map(|(vertex, arms)| {
+                let key = match garment.groups.has_offset[vertex as usize] {
+                    true => (true, vertex),
+                    false => (false, garment.groups.node_of_vertex[vertex as usize]),
+                };
+                let next = scale_of_key.len();
+                let scale = *scale_of_key.entry(key).or_insert(next);
+                let length = 0.5 * arms.iter().map(|(_, z)| z.norm()).sum::<f64>();
+                Neighbourhood { vertex, arms, scale, length }
+            })
+            .collect();
+        Outline { neighbourhoods, scales: scale_of_key.len(), reference_length: area / border_length }
+    }
+
+    /// Weight of one arm's squared deviation, `w l L_i / |z_r|^2` (dimensionless).
+    pub fn arm_weight(&self, weight: f64, hood: &Neighbourhood, rest: &Vec2) -> f64 {
+        weight * self.reference_length * hood.length / rest.norm_squared()
+    }
+}
