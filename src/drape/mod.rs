@@ -17,9 +17,10 @@
 //! - Every step is solved to a tolerance in `f64`, and says whether it got there.
 //!
 //! # Phases
+//! *Push out*: what starts on a wrong side is pushed through, at rest; no time passes.
 //! *Untangle*: 6 frames of 1/24 s with 90% velocity damping per step, as in the paper.
 //! *Settle* (off by default): until the net force on every node is small, or to a limit.
-//! *Repair*: if anything still crosses, further untangling steps.
+//! *Repair*: if anything still crosses, further pushes, each round with a frame after it.
 
 pub mod cloth;
 pub mod contact;
@@ -42,6 +43,8 @@ use simulation::{Parts, Simulation, StepInfo};
 
 /// Seconds in a frame.
 pub const FRAME: f64 = 1.0 / 24.0;
+/// Most rounds of pushes and a frame after the phases.
+const REPAIR_ROUNDS: usize = 3;
 /// A step is halved at most this often before it is taken as it is.
 const MOST_HALVINGS: u32 = 2;
 
@@ -84,8 +87,8 @@ pub struct Params {
     pub friction_speed: f64,
     /// Gravity along -Y [m/s^2].
     pub gravity: f64,
-    /// Most further untangling steps if anything crosses after the phases.
-    pub repair_steps: usize,
+    /// Most pushes that untangle a start (and, if anything crosses after the phases, an end).
+    pub push_steps: usize,
     /// Rest shape of the cloth.
     pub cloth: cloth::Options,
 }
@@ -102,7 +105,7 @@ impl Default for Params {
             rest_tolerance: 0.1,
             tolerance: 5e-2,
             max_newton: 120,
-            cg_tolerance: 1e-2,
+            cg_tolerance: 0.1,
             max_cg: 2000,
             body_distance: 2e-3,
             layer_distance: 2e-3,
@@ -110,7 +113,7 @@ impl Default for Params {
             contact_stiffness: 2.5e6,
             friction_speed: 1e-3,
             gravity: 9.81,
-            repair_steps: 24,
+            push_steps: 24,
             cloth: cloth::Options::default(),
         }
     }
@@ -161,8 +164,8 @@ pub struct Info {
     pub crossings_before: [usize; 2],
     /// The same at the end.
     pub crossings: [usize; 2],
-    /// Steps of the repair.
-    pub repair_steps: usize,
+    /// Pushes made, see [`Params::push_steps`].
+    pub push_steps: usize,
 }
 
 /// The draped garment.
@@ -228,6 +231,7 @@ pub fn run_with_progress(
     info.inside_before = tangles.inside_count();
     info.crossings_before = [tangles.crossings, tangles.own.len()];
     let h = FRAME / params.steps_per_frame as f64;
+    push_out(&mut simulation, h, params.push_steps, &mut info, progress)?;
     let steps = params.frames * params.steps_per_frame;
     for i in 0..steps {
         advance(&mut simulation, h, params.damping, &mut info, MOST_HALVINGS)?;
@@ -244,7 +248,18 @@ pub fn run_with_progress(
         info.frames += 1;
         progress((i + 1) as f64 / (params.settle_frames + 1) as f64, "settle");
     }
-    repair(&mut simulation, h, params, &mut info)?;
+    for _ in 0..REPAIR_ROUNDS {
+        if push_out(&mut simulation, h, params.push_steps, &mut info, progress)? {
+            break;
+        }
+        // Pushes leave the cloth out of balance: a frame in between.
+        for _ in 0..params.steps_per_frame {
+            advance(&mut simulation, h, params.damping, &mut info, MOST_HALVINGS)?;
+        }
+        info.frames += 1;
+    }
+    let tangles = simulation.contact.tangles();
+    info.crossings = [tangles.crossings, tangles.own.len()];
     info.kinetic_energy_j = simulation.kinetic_energy();
     info.residual = simulation.net_force();
     info.at_rest = info.residual <= params.rest_tolerance;
@@ -257,20 +272,31 @@ pub fn run_with_progress(
     })
 }
 
-/// Untangles further while anything crosses.
-fn repair(simulation: &mut Simulation<'_>, h: f64, params: &Params, info: &mut Info) -> Result<(), Error> {
-    loop {
-        simulation.offsets.turn(&simulation.x);
-        let points = simulation.points();
-        simulation.contact.classify(&points);
-        let tangles = simulation.contact.tangles();
-        info.crossings = [tangles.crossings, tangles.own.len()];
-        if info.crossings == [0, 0] || info.repair_steps >= params.repair_steps {
-            return Ok(());
+/// Pushes what is tangled to its right side, at rest after every push; returns whether there
+/// was nothing to push from the start.
+///
+/// A push is a step's minimisation with the springs of tangled pairs in it, which is cut short:
+/// its springs come and go as pairs change sides, so it has no minimum worth finding. Time
+/// steps start where nothing is tangled, and converge.
+fn push_out(
+    simulation: &mut Simulation<'_>,
+    h: f64,
+    most: usize,
+    info: &mut Info,
+    progress: &mut dyn FnMut(f64, &str),
+) -> Result<bool, Error> {
+    simulation.reclassify();
+    for done in 0..most {
+        if simulation.contact.tangles().is_clean() {
+            return Ok(done == 0);
         }
-        advance(simulation, h, params.damping, info, MOST_HALVINGS)?;
-        info.repair_steps += 1;
+        let step = simulation.push(h)?;
+        count(info, &step);
+        info.push_steps += 1;
+        simulation.reclassify();
+        progress(0.0, "push out");
     }
+    Ok(most == 0)
 }
 
 /// One step; where it does not converge, two of half the length instead.

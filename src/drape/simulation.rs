@@ -25,6 +25,8 @@ use crate::solve::cg::CgParams;
 const ARMIJO: f64 = 1e-4;
 /// Shortest share of a Newton step that is tried.
 const SHORTEST: f64 = 1e-7;
+/// Newton iterations of a push.
+const PUSH_ITERATIONS: usize = 8;
 /// Iterations that the quasi-Newton history remembers.
 const MEMORY: usize = 5;
 /// Residual, in mean node weights, from which on the history is kept.
@@ -244,7 +246,7 @@ impl<'a> Simulation<'a> {
                 .collect();
         let friction = self.lag_friction(&contacts, h);
         let problem = Problem { start: self.x.clone(), target, inertia: 1.0 / (h * h), friction };
-        let (x, info) = self.minimise(&problem)?;
+        let (x, info) = self.minimise(&problem, self.params.max_newton)?;
         self.moved = x.iter().zip(&self.x).map(|(x, s)| x - s).collect();
         self.v = self.moved.iter().map(|m| m * ((1.0 - damping) / h)).collect();
         self.x = x;
@@ -252,7 +254,25 @@ impl<'a> Simulation<'a> {
         Ok(info)
     }
 
-    fn minimise(&mut self, problem: &Problem) -> Result<(Vec<Vec3>, StepInfo), Error> {
+    /// Finds what is tangled where the cloth is now.
+    pub(super) fn reclassify(&mut self) {
+        let points = self.points();
+        self.contact.classify(&points);
+    }
+
+    /// A few Newton iterations of a step from rest; leaves the cloth at rest.
+    pub(super) fn push(&mut self, h: f64) -> Result<StepInfo, Error> {
+        self.offsets.turn(&self.x);
+        self.contact.refresh(&self.points());
+        let (start, target) = (self.x.clone(), self.x.clone());
+        let problem = Problem { start, target, inertia: 1.0 / (h * h), friction: Vec::new() };
+        let (x, info) = self.minimise(&problem, PUSH_ITERATIONS)?;
+        self.x = x;
+        self.v.iter_mut().for_each(|v| *v = Vec3::zeros());
+        Ok(info)
+    }
+
+    fn minimise(&mut self, problem: &Problem, most: usize) -> Result<(Vec<Vec3>, StepInfo), Error> {
         let mut x = self.x.clone();
         let mut here = self.evaluate(&x, problem);
         let mut info = StepInfo::default();
@@ -260,7 +280,7 @@ impl<'a> Simulation<'a> {
         loop {
             info.residual = self.residual(&here.gradient);
             info.converged = info.residual <= self.params.tolerance;
-            if info.converged || info.newton >= self.params.max_newton {
+            if info.converged || info.newton >= most {
                 return Ok((x, info));
             }
             let (searched, longest) = self.contact.refresh(&here.points);
