@@ -105,11 +105,11 @@ class DrapeSettings(CoreModel):
     #: At rest when the largest net force on a node is below this many mean node weights.
     rest_tolerance: Number = 0.1
     #: A step has converged when the largest unbalanced force on a node is below this many mean node weights.
-    tolerance: Number = 0.01
+    tolerance: Number = 0.05
     #: Most Newton iterations in a step.
-    max_newton: Count = 80
+    max_newton: Count = 120
     #: Relative residual of the linear solves.
-    cg_tolerance: Number = 0.01
+    cg_tolerance: Number = 0.1
     #: Most conjugate-gradient iterations in a solve.
     max_cg: Count = 2000
     #: Distance at which bodies and other solids resist [m] (paper: eps_sdf, 0.2 cm).
@@ -124,8 +124,8 @@ class DrapeSettings(CoreModel):
     friction_speed: Number = 0.001
     #: Gravity along -Y [m/s^2].
     gravity: Number = 9.81
-    #: Most further untangling steps if anything crosses after the phases.
-    repair_steps: Count = 24
+    #: Most pushes that untangle a start (and, if anything crosses after the phases, an end).
+    push_steps: Count = 24
     #: Rest shape of the cloth.
     cloth: DrapeClothSettings = DrapeClothSettings()
 
