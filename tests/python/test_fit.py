@@ -14,7 +14,7 @@ from dressform.usd.character import read_character
 from dressform.usd.garment import read_outfit
 
 #: One untangling step: enough to go through every stage.
-SHORT = {"drape": {"frames": 1, "steps_per_frame": 1, "max_newton": 2, "repair_steps": 0}}
+SHORT = {"drape": {"frames": 1, "steps_per_frame": 1, "max_newton": 2, "push_steps": 0}}
 STAGES = {"read", "transfer", "pattern", "drape", "rig", "certify", "write", "total"}
 
 
