@@ -73,7 +73,8 @@ pub fn free_share(shape: Shape, mut x: [Vec3; 4], mut dx: [Vec3; 4], most: f64) 
     for _ in 0..MOST_ADVANCES {
         x.iter_mut().zip(&dx).for_each(|(x, d)| *x += d * advance);
         let d = shape.gap(&x).norm();
-        if d < KEEP * start {
+        // The first advance is safe by itself.
+        if share > 0.0 && d < KEEP * start {
             break;
         }
         share += advance;
