@@ -28,6 +28,8 @@ pub mod elastic;
 mod offsets;
 mod simulation;
 mod system;
+#[cfg(test)]
+mod tests;
 
 use serde::{Deserialize, Serialize};
 use thiserror::Error as ThisError;
@@ -231,7 +233,7 @@ pub fn run_with_progress(
     info.inside_before = tangles.inside_count();
     info.crossings_before = [tangles.crossings, tangles.own.len()];
     let h = FRAME / params.steps_per_frame as f64;
-    push_out(&mut simulation, h, params.push_steps, &mut info, progress)?;
+    push_out(&mut simulation, h, params.push_steps, &mut info)?;
     let steps = params.frames * params.steps_per_frame;
     for i in 0..steps {
         advance(&mut simulation, h, params.damping, &mut info, MOST_HALVINGS)?;
@@ -249,7 +251,7 @@ pub fn run_with_progress(
         progress((i + 1) as f64 / (params.settle_frames + 1) as f64, "settle");
     }
     for _ in 0..REPAIR_ROUNDS {
-        if push_out(&mut simulation, h, params.push_steps, &mut info, progress)? {
+        if push_out(&mut simulation, h, params.push_steps, &mut info)? {
             break;
         }
         // Pushes leave the cloth out of balance: a frame in between.
@@ -278,13 +280,7 @@ pub fn run_with_progress(
 /// A push is a step's minimisation with the springs of tangled pairs in it, which is cut short:
 /// its springs come and go as pairs change sides, so it has no minimum worth finding. Time
 /// steps start where nothing is tangled, and converge.
-fn push_out(
-    simulation: &mut Simulation<'_>,
-    h: f64,
-    most: usize,
-    info: &mut Info,
-    progress: &mut dyn FnMut(f64, &str),
-) -> Result<bool, Error> {
+fn push_out(simulation: &mut Simulation<'_>, h: f64, most: usize, info: &mut Info) -> Result<bool, Error> {
     simulation.reclassify();
     for done in 0..most {
         if simulation.contact.tangles().is_clean() {
@@ -294,7 +290,6 @@ fn push_out(
         count(info, &step);
         info.push_steps += 1;
         simulation.reclassify();
-        progress(0.0, "push out");
     }
     Ok(most == 0)
 }
