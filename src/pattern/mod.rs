@@ -18,6 +18,8 @@
 //! - Sewn chains ([`crate::model::Chain`]) keep equal lengths (or the ease that the original
 //!   had) by constraints; the outline's weight then only has to look after shape, and strain
 //!   need not pay for lengths.
+//! - The tidy-up is kept to crumpled places: everywhere, it costs more strain than all the
+//!   rest of the refit (see [`tidy`]).
 //! - Triangles that flip are counted and repaired.
 
 pub mod energy;
@@ -49,6 +51,19 @@ pub enum Fit {
     Loose,
 }
 
+/// Which inner vertices the Dirichlet energy tidies up.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Tidy {
+    /// Those near triangles that the transfer crumpled or the layout turned over.
+    #[default]
+    Crumpled,
+    /// All of them, as in the paper: smoother, but far more strain.
+    All,
+    /// None.
+    Never,
+}
+
 /// Settings of the pattern refit.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
@@ -64,8 +79,8 @@ pub struct Params {
     pub seam_tolerance: f64,
     /// Most solves that may be spent on it.
     pub seam_iterations: usize,
-    /// Whether inner vertices are smoothed by the Dirichlet energy afterwards.
-    pub tidy: bool,
+    /// Which inner vertices are smoothed by the Dirichlet energy afterwards.
+    pub tidy: Tidy,
 }
 
 impl Default for Params {
@@ -76,7 +91,7 @@ impl Default for Params {
             anchor_weight: 1e-8,
             seam_tolerance: 1e-4,
             seam_iterations: 20,
-            tidy: true,
+            tidy: Tidy::Crumpled,
         }
     }
 }
@@ -133,7 +148,7 @@ pub struct Info {
 
 /// Why a pattern cannot be refitted.
 #[derive(Clone, Debug, Error, PartialEq)]
-#[expect(missing_docs, reason = "the messages name the fields")]
+#[allow(missing_docs, reason = "each message names its fields")]
 pub enum Error {
     /// A vertex array does not fit the garment.
     #[error("{garment}: {found} target points, {expected} expected")]
@@ -180,10 +195,9 @@ pub fn run(garment: &Garment, target_points: &[Vec3], params: &Params) -> Result
 
     let n = garment.points.len();
     let border = tidy::border(garment);
-    let mut pattern = energy::positions(&unknowns, n);
-    if params.tidy {
-        pattern = tidy::dirichlet(garment, &border, &pattern, false)?;
-    }
+    let crumpled: Vec<u32> = (0..bindings.len()).filter(|&t| bindings[t].clamped).map(|t| t as u32).collect();
+    let layout = energy::positions(&unknowns, n);
+    let mut pattern = tidy::tidy(garment, &border, &crumpled, layout, params.tidy)?;
     let repaired = tidy::repair(garment, &border, &mut pattern)?;
 
     for (v, p) in pattern.iter().enumerate() {
@@ -202,7 +216,7 @@ pub fn run(garment: &Garment, target_points: &[Vec3], params: &Params) -> Result
         seam_mismatch_max: crate::model::chain::chains_mismatch(&chains, &garment.pattern, &pattern),
         chains: chains.len(),
         flipped_triangles: tidy::flipped(garment, &pattern).len(),
-        crumpled_triangles: bindings.iter().filter(|b| b.clamped).count(),
+        crumpled_triangles: crumpled.len(),
         area_ratio: pattern_area(garment, &pattern) / pattern_area(garment, &garment.pattern),
         repaired,
     };

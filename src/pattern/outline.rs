@@ -10,10 +10,17 @@
 //! heavily the outline's shape weighs beside the strain of the cloth, whatever the units and
 //! however fine the mesh (the paper's `W` is a length cubed, its `E` an area). One `S` is
 //! shared by all vertices of a seam group; vertices sewn with an offset have their own.
+//!
+//! At a corner the paper's one scale would resist any refit that widens a panel more than it
+//! lengthens it. There each arm has a scale of its own, shared with the arm that it is sewn
+//! to: both keep their directions, so the corner keeps its angle.
 
 use std::collections::BTreeMap;
 
 use crate::model::{Garment, Vec2};
+
+/// A border that turns by more than this has a corner [rad].
+const CORNER: f64 = 30.0 * std::f64::consts::PI / 180.0;
 
 /// One border vertex and its neighbours along the border.
 #[derive(Clone, Debug)]
@@ -39,6 +46,14 @@ pub struct Outline {
     pub reference_length: f64,
 }
 
+/// Whether a border turns at a vertex with these arms.
+fn is_corner(arms: &[(u32, Vec2)]) -> bool {
+    match arms {
+        [(_, a), (_, b)] => -a.dot(b) < CORNER.cos() * a.norm() * b.norm(),
+        _ => true,
+    }
+}
+
 impl Outline {
     /// The outline of the garment's original pattern.
     pub fn new(garment: &Garment) -> Outline {
@@ -57,19 +72,26 @@ impl Outline {
             })
             .sum();
         let mut scale_of_key = BTreeMap::new();
-        let neighbourhoods = arms
-            .into_iter()
-            .map(|(vertex, arms)| {
-                let key = match garment.groups.has_offset[vertex as usize] {
-                    true => (true, vertex),
-                    false => (false, garment.groups.node_of_vertex[vertex as usize]),
-                };
+        let mut neighbourhoods = Vec::new();
+        for (vertex, arms) in arms {
+            let group = match garment.groups.has_offset[vertex as usize] {
+                true => (true, vertex),
+                false => (false, garment.groups.node_of_vertex[vertex as usize]),
+            };
+            let mut add = |arms: Vec<(u32, Vec2)>, side: Option<u32>| {
                 let next = scale_of_key.len();
-                let scale = *scale_of_key.entry(key).or_insert(next);
+                let scale = *scale_of_key.entry((group, side)).or_insert(next);
                 let length = 0.5 * arms.iter().map(|(_, z)| z.norm()).sum::<f64>();
-                Neighbourhood { vertex, arms, scale, length }
-            })
-            .collect();
+                neighbourhoods.push(Neighbourhood { vertex, arms, scale, length });
+            };
+            if is_corner(&arms) {
+                for arm in arms {
+                    add(vec![arm], Some(garment.groups.node_of_vertex[arm.0 as usize]));
+                }
+            } else {
+                add(arms, None);
+            }
+        }
         Outline { neighbourhoods, scales: scale_of_key.len(), reference_length: area / border_length }
     }
 

@@ -11,7 +11,7 @@ use thiserror::Error;
 
 /// Why a matrix could not be factored.
 #[derive(Clone, Debug, Error, PartialEq)]
-#[expect(missing_docs, reason = "the messages name the fields")]
+#[allow(missing_docs, reason = "each message names its fields")]
 pub enum CholeskyError {
     /// An index outside of the matrix, or no memory for it.
     #[error("the sparse matrix of size {size} could not be built: {reason}")]

@@ -73,8 +73,10 @@ class PatternSettings(CoreModel):
     seam_tolerance: Number = 0.0001
     #: Most solves that may be spent on it.
     seam_iterations: Count = 20
-    #: Whether inner vertices are smoothed by the Dirichlet energy afterwards.
-    tidy: bool = True
+    #: Which inner vertices are smoothed by the Dirichlet energy afterwards. "crumpled": Those near triangles
+    #: that the transfer crumpled or the layout turned over. "all": All of them, as in the paper: smoother,
+    #: but far more strain. "never": None.
+    tidy: Literal["crumpled", "all", "never"] = "crumpled"
 
 
 class DrapeClothSettings(CoreModel):
