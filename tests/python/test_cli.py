@@ -6,6 +6,7 @@ import sys
 
 import pytest
 from dressform import _native
+from pxr import Usd, UsdGeom
 
 
 def dressform(*arguments, **options):
@@ -61,6 +62,27 @@ def test_a_character_that_is_text_is_3(samples, tmp_path):
     assert done.returncode == 3
     assert "text.usda" in done.stderr
     assert "Traceback" not in done.stderr
+    assert not out.exists()
+
+
+def test_a_body_of_another_topology_is_3_and_names_the_file(samples, tmp_path):
+    stage = Usd.Stage.Open(str(samples / "characters/thin_woman.usdc"))
+    stage.Export(str(tmp_path / "other.usda"))
+    stage = Usd.Stage.Open(str(tmp_path / "other.usda"))
+    mesh = max(
+        (UsdGeom.Mesh(p) for p in stage.Traverse() if p.IsA(UsdGeom.Mesh)),
+        key=lambda m: len(m.GetPointsAttr().Get()),
+    )
+    indices = list(mesh.GetFaceVertexIndicesAttr().Get())
+    indices[9], indices[10] = indices[10], indices[9]
+    mesh.GetFaceVertexIndicesAttr().Set(indices)
+    stage.Save()
+    out = tmp_path / "out.usda"
+    done = dressform("fit", samples / "outfits/casual_woman.usda", tmp_path / "other.usda", "-o", out)
+    assert done.returncode == 3
+    said = " ".join(done.stderr.split())
+    for part in ("other.usda", str(mesh.GetPath()), "faceVertexIndices", "9"):
+        assert part in said, done.stderr
     assert not out.exists()
 
 

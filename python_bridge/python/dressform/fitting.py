@@ -43,7 +43,7 @@ def fit(
         NoDevice: no such device, or it failed.
         InternalFault: a bug.
     """
-    from .usd.character import read_character
+    from .usd.character import read_character, require_same_topology
     from .usd.garment import read_outfit
     from .usd.write import check_target, write_dressed
 
@@ -66,6 +66,9 @@ def fit(
         colliders=options.colliders,
         variants=options.character_variants or None,
     )
+    # The core checks this too, but knows no files.
+    for body in source.bodies:
+        require_same_topology(body, target)
     read = time.perf_counter() - started
     tell("read", 1.0)
 
