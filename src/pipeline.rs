@@ -13,8 +13,8 @@ use thiserror::Error;
 use crate::certificate::{self, Certificate, Thresholds};
 use crate::device::{Device, DeviceInfo};
 use crate::drape;
-use crate::geometry::{self, Surface};
-use crate::model::{Character, Garment, Outfit, Skin, TriMesh, Vec2, Vec3};
+use crate::geometry::{OuterSkin, Surface};
+use crate::model::{Character, Garment, Outfit, Skin, Vec2, Vec3};
 use crate::pattern;
 use crate::rig;
 use crate::transfer;
@@ -218,14 +218,17 @@ pub fn fit(
     progress("pattern", 1.0);
 
     let clock = Instant::now();
-    let draped = drape_all(outfit, character, &transferred, &patterns, settings, device, progress)?;
+    let body = OuterSkin::new(&character.body);
+    let colliders: Vec<Surface> = character.colliders.iter().map(|c| Surface::new(c.mesh.clone())).collect();
+    let solids: Vec<&Surface> = std::iter::once(&body.surface).chain(&colliders).collect();
+    let draped = drape_all(outfit, &solids, &transferred, &patterns, settings, device, progress)?;
     seconds.drape = clock.elapsed().as_secs_f64();
 
     let clock = Instant::now();
     let mut skins = Vec::new();
     for (g, garment) in outfit.garments.iter().enumerate() {
         progress("rig", g as f64 / outfit.garments.len() as f64);
-        let skin = rig::run(character, garment, &draped[g].points, &settings.rig)
+        let skin = rig::run(character, &body, garment, &draped[g].points, &settings.rig)
             .map_err(|error| Error::Rig { garment: garment.path.clone(), error })?;
         skins.push(skin);
     }
@@ -234,7 +237,7 @@ pub fn fit(
 
     progress("certify", 0.0);
     let clock = Instant::now();
-    let certificates = certify(outfit, character, &draped, &patterns, &skins);
+    let certificates = certify(outfit, &body, &draped, &patterns, &skins);
     seconds.certify = clock.elapsed().as_secs_f64();
     progress("certify", 1.0);
 
@@ -334,19 +337,17 @@ fn transfer_all(
     Ok(results.into_iter().map(|r| r.expect("every garment has a source body")).collect())
 }
 
-/// Drapes layer after layer; finished garments are colliders of the next (paper, algorithm 1).
+/// Drapes layer after layer on the solids; finished garments are colliders of the next (paper,
+/// algorithm 1).
 fn drape_all(
     outfit: &Outfit,
-    character: &Character,
+    solids: &[&Surface],
     transferred: &[(Vec<Vec3>, transfer::Info)],
     patterns: &[(Vec<Vec2>, pattern::Info)],
     settings: &Settings,
     device: &Device,
     progress: &mut Progress<'_>,
 ) -> Result<Vec<drape::Output>, Error> {
-    let mut solids = vec![Surface::new(outer_skin_mesh(&character.body))];
-    solids.extend(character.colliders.iter().map(|c| Surface::new(c.mesh.clone())));
-    let solids: Vec<&Surface> = solids.iter().collect();
     let mut order: Vec<usize> = (0..outfit.garments.len()).collect();
     order.sort_by_key(|&g| outfit.garments[g].layer);
     let mut finished: Vec<Surface> = Vec::new();
@@ -357,7 +358,7 @@ fn drape_all(
             garment,
             points: &transferred[g].0,
             pattern: &patterns[g].0,
-            colliders: &solids,
+            colliders: solids,
             layers: &finished.iter().collect::<Vec<_>>(),
         };
         let count = order.len() as f64;
@@ -372,20 +373,14 @@ fn drape_all(
     Ok(outputs.into_iter().map(|o| o.expect("every garment was draped")).collect())
 }
 
-/// The body without its inner parts.
-fn outer_skin_mesh(body: &TriMesh) -> TriMesh {
-    geometry::submesh(body, &geometry::outer_skin(body)).0
-}
-
 fn certify(
     outfit: &Outfit,
-    character: &Character,
+    body: &OuterSkin,
     draped: &[drape::Output],
     patterns: &[(Vec<Vec2>, pattern::Info)],
     skins: &[(Skin, rig::Info)],
 ) -> Vec<Certificate> {
-    let sources: Vec<Surface> =
-        outfit.bodies.iter().map(|b| Surface::new(outer_skin_mesh(&b.body))).collect();
+    let sources: Vec<OuterSkin> = outfit.bodies.iter().map(|b| OuterSkin::new(&b.body)).collect();
     let garments: Vec<certificate::Dressed<'_>> = (0..outfit.garments.len())
         .map(|g| certificate::Dressed {
             garment: &outfit.garments[g],
@@ -396,8 +391,8 @@ fn certify(
         })
         .collect();
     certificate::measure(&certificate::Input {
-        body: &Surface::new(outer_skin_mesh(&character.body)),
-        source_bodies: &sources.iter().collect::<Vec<_>>(),
+        body: &body.surface,
+        source_bodies: &sources.iter().map(|s| &s.surface).collect::<Vec<_>>(),
         garments: &garments,
     })
 }

@@ -24,6 +24,6 @@ pub mod triangle;
 pub mod winding;
 
 pub use bvh::Node;
-pub use skin::{outer_skin, submesh};
+pub use skin::{OuterSkin, outer_skin, submesh};
 pub use surface::{Closest, Hit, Surface};
 pub use winding::Moments;

@@ -1,8 +1,9 @@
 //! Which part of a body something outside can touch.
 //!
 //! Bodies come with eyes, teeth and tongue as components of their own. They need not be inside
-//! in the sense of the winding number (a mouth or an eye socket is a fold of the skin), so we ask what can be seen: from a component's points rays go out to all sides,
-//! and a component of which few rays escape the other components is enclosed.
+//! in the sense of the winding number (a mouth or an eye socket is a fold of the skin), so we
+//! ask what can be seen: from a component's points rays go out to all sides, and a component of
+//! which few rays escape the other components is enclosed.
 
 use rayon::prelude::*;
 
@@ -13,6 +14,23 @@ use crate::model::{TriMesh, Vec3};
 /// bodies, which look out between open lids, an eighth escape, of mouth parts less than one in
 /// a hundred; a shoe or a ring, worn on the outside, lets about half escape.
 const ESCAPING: f64 = 0.35;
+
+/// A body without its inner parts: what cloth can lie on.
+#[derive(Clone, Debug)]
+pub struct OuterSkin {
+    /// Its surface.
+    pub surface: Surface,
+    /// Index in the body of each point of the surface.
+    pub point_of: Vec<u32>,
+}
+
+impl OuterSkin {
+    /// Leaves out what [`outer_skin`] calls enclosed.
+    pub fn new(body: &TriMesh) -> OuterSkin {
+        let (mesh, point_of) = submesh(body, &outer_skin(body));
+        OuterSkin { surface: Surface::new(mesh), point_of }
+    }
+}
 
 /// Whether each point belongs to the outer skin: false for the components that others enclose
 /// (eyes, teeth, tongue). Points without a triangle count as outer.

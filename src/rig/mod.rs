@@ -22,7 +22,7 @@ mod tests;
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
-use crate::geometry::{self, Surface};
+use crate::geometry::OuterSkin;
 use crate::model::{Character, Garment, Skin, TriMesh, Vec3};
 use crate::solve::cholesky::CholeskyError;
 
@@ -98,12 +98,14 @@ pub enum Error {
 /// Weights over all joints, sparse: (joint, weight) in ascending order of joints.
 type Weights = Vec<(u32, f64)>;
 
-/// Gives every vertex of `garment` at `points` its skin weights.
+/// Gives every vertex of `garment` at `points` its skin weights; `body` is the outer skin of the
+/// character's body.
 ///
 /// # Errors
 /// Arrays that do not fit together, see [`Error`].
 pub fn run(
     character: &Character,
+    body: &OuterSkin,
     garment: &Garment,
     points: &[Vec3],
     params: &Params,
@@ -111,22 +113,20 @@ pub fn run(
     check(character, garment, points, params)?;
     let groups = &garment.groups;
     let cloth = node_mesh(garment, points);
-    let body = Body::new(character);
     let (pieces, piece_count) = cloth.components();
     let found = search::run(&cloth, &pieces, piece_count, &body.surface, params);
+    let weights_at =
+        |triangle, barycentric: &[f64; 3]| body_weights(body, &character.skin, triangle, barycentric);
 
-    let mut weights: Vec<Option<Weights>> = found
-        .matches
-        .iter()
-        .map(|m| m.as_ref().map(|at| body.weights(at.triangle, &at.barycentric)))
-        .collect();
+    let mut weights: Vec<Option<Weights>> =
+        found.matches.iter().map(|m| m.as_ref().map(|at| weights_at(at.triangle, &at.barycentric))).collect();
     let matched: Vec<bool> = weights.iter().map(Option::is_some).collect();
     let mut has_match = vec![false; piece_count];
     (0..cloth.points.len()).filter(|&n| matched[n]).for_each(|n| has_match[pieces[n] as usize] = true);
     for n in 0..cloth.points.len() {
         if !has_match[pieces[n] as usize] {
             let nearest = body.surface.closest(&cloth.points[n]);
-            weights[n] = Some(body.weights(nearest.triangle, &nearest.barycentric));
+            weights[n] = Some(weights_at(nearest.triangle, &nearest.barycentric));
         }
     }
     let weights = inpaint::run(&cloth, weights)?;
@@ -178,39 +178,25 @@ fn node_mesh(garment: &Garment, points: &[Vec3]) -> TriMesh {
     }
 }
 
-/// The part of the body that cloth can lie on, with its weights.
-struct Body<'a> {
-    surface: Surface,
-    point_of: Vec<u32>,
-    skin: &'a Skin,
-}
-
-impl<'a> Body<'a> {
-    fn new(character: &'a Character) -> Body<'a> {
-        let (mesh, point_of) = geometry::submesh(&character.body, &geometry::outer_skin(&character.body));
-        Body { surface: Surface::new(mesh), point_of, skin: &character.skin }
-    }
-
-    /// Weights at a point of the surface.
-    fn weights(&self, triangle: u32, barycentric: &[f64; 3]) -> Weights {
-        let mut weights = Weights::new();
-        let k = self.skin.influences;
-        for (corner, share) in self.surface.mesh().triangles[triangle as usize].iter().zip(barycentric) {
-            let first = self.point_of[*corner as usize] as usize * k;
-            for i in first..first + k {
-                weights.push((self.skin.joint_indices[i], share * self.skin.joint_weights[i]));
-            }
+/// The body's weights at a point of its outer skin.
+fn body_weights(body: &OuterSkin, skin: &Skin, triangle: u32, barycentric: &[f64; 3]) -> Weights {
+    let mut weights = Weights::new();
+    let k = skin.influences;
+    for (corner, share) in body.surface.mesh().triangles[triangle as usize].iter().zip(barycentric) {
+        let first = body.point_of[*corner as usize] as usize * k;
+        for i in first..first + k {
+            weights.push((skin.joint_indices[i], share * skin.joint_weights[i]));
         }
-        weights.sort_by_key(|w| w.0);
-        weights.dedup_by(|b, a| {
-            a.0 == b.0 && {
-                a.1 += b.1;
-                true
-            }
-        });
-        weights.retain(|w| w.1 > 0.0);
-        weights
     }
+    weights.sort_by_key(|w| w.0);
+    weights.dedup_by(|b, a| {
+        a.0 == b.0 && {
+            a.1 += b.1;
+            true
+        }
+    });
+    weights.retain(|w| w.1 > 0.0);
+    weights
 }
 
 /// The largest `influences` weights of each vertex's node, normalised, largest first.

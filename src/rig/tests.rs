@@ -64,6 +64,11 @@ fn garment(mesh: TriMesh, seams: Vec<AuthoredSeam>) -> Garment {
     Garment::from_source(source).expect("a valid garment")
 }
 
+/// As [`run`], with the body's outer skin.
+fn rig(body: &Character, cloth: &Garment, points: &[Vec3], params: &Params) -> Result<(Skin, Info), Error> {
+    run(body, &OuterSkin::new(&body.body), cloth, points, params)
+}
+
 fn second(skin: &Skin, vertex: usize) -> f64 {
     let k = skin.influences;
     (0..k)
@@ -78,7 +83,7 @@ fn a_sleeve_takes_the_weights_of_the_arm_beneath_it() {
     let body = character(tube(a, b, 0.05, 32, 60), |p| p.x / 0.6);
     let (c, d) = (Vec3::new(0.1, 1.0, 0.0), Vec3::new(0.5, 1.0, 0.0));
     let sleeve = garment(tube(c, d, 0.07, 24, 30), Vec::new());
-    let (skin, info) = run(&body, &sleeve, &sleeve.points, &Params::default()).expect("rigs");
+    let (skin, info) = rig(&body, &sleeve, &sleeve.points, &Params::default()).expect("rigs");
     assert_eq!((info.matched, info.nearest, info.turned_pieces), (1.0, 0.0, 0));
     for (v, p) in sleeve.points.iter().enumerate() {
         assert!((second(&skin, v) - p.x / 0.6).abs() < 0.01, "vertex {v} at {p:?}: {}", second(&skin, v));
@@ -92,7 +97,7 @@ fn cloth_wound_inward_is_turned_for_the_search() {
     let mut inward = tube(a, b, 0.07, 24, 20);
     inward.triangles.iter_mut().for_each(|t| t.swap(0, 1));
     let sleeve = garment(inward, Vec::new());
-    let (_, info) = run(&body, &sleeve, &sleeve.points, &Params::default()).expect("rigs");
+    let (_, info) = rig(&body, &sleeve, &sleeve.points, &Params::default()).expect("rigs");
     assert_eq!((info.turned_pieces, info.nearest), (1, 0.0));
     assert!(info.matched > 0.95, "{info:?}");
 }
@@ -111,10 +116,10 @@ fn an_armpit_is_told_apart_where_the_nearest_point_is_not() {
     let sleeve =
         garment(tube(Vec3::new(0.22, 0.1, 0.0), Vec3::new(0.22, 0.5, 0.0), 0.065, 32, 40), Vec::new());
 
-    let surface = Surface::new(body.body.clone());
+    let surface = OuterSkin::new(&body.body).surface;
     let wrong = sleeve.points.iter().filter(|p| surface.closest(p).point.x < 0.17).count();
     assert!(wrong > 100, "the nearest point is on the torso for {wrong} vertices: not a hard case");
-    let (skin, _) = run(&body, &sleeve, &sleeve.points, &Params::default()).expect("rigs");
+    let (skin, _) = rig(&body, &sleeve, &sleeve.points, &Params::default()).expect("rigs");
     for v in 0..sleeve.points.len() {
         assert!(second(&skin, v) > 0.999, "vertex {v} at {:?}", sleeve.points[v]);
     }
@@ -138,7 +143,7 @@ fn a_loose_skirt_is_inpainted_without_a_split() {
         (p.x, p.z) = (p.x * radius, p.z * radius);
     }
     let skirt = garment(cone, Vec::new());
-    let (skin, info) = run(&body, &skirt, &skirt.points, &Params::default()).expect("rigs");
+    let (skin, info) = rig(&body, &skirt, &skirt.points, &Params::default()).expect("rigs");
     assert!(info.inpainted > 0.3 && info.matched > 0.02 && info.nearest == 0.0, "{info:?}");
     let mut jump: f64 = 0.0;
     let hem = |v: usize| skirt.points[v].y < 0.6;
@@ -164,7 +169,7 @@ fn weights_are_a_partition_of_unity_and_identical_across_seams() {
     let seam = AuthoredSeam { name: "join".to_owned(), pairs: pairs.clone(), offset: false };
     let cloth = garment(join(&[&left, &right]), vec![seam]);
     let (skin, info) =
-        run(&body, &cloth, &cloth.points, &Params { influences: 3, ..Params::default() }).expect("rigs");
+        rig(&body, &cloth, &cloth.points, &Params { influences: 3, ..Params::default() }).expect("rigs");
     assert!((info.matched + info.inpainted + info.nearest - 1.0).abs() < 1e-12);
     assert_eq!(skin.joint_weights.len(), 3 * cloth.points.len());
     for w in skin.joint_weights.chunks(3) {
@@ -182,10 +187,10 @@ fn weights_are_a_partition_of_unity_and_identical_across_seams() {
 fn what_does_not_fit_together_is_refused() {
     let body = character(tube(Vec3::zeros(), Vec3::x(), 0.05, 8, 4), |_| 0.0);
     let cloth = garment(tube(Vec3::zeros(), Vec3::x(), 0.07, 8, 4), Vec::new());
-    let short = run(&body, &cloth, &cloth.points[1..], &Params::default());
+    let short = rig(&body, &cloth, &cloth.points[1..], &Params::default());
     assert!(matches!(short, Err(Error::Length { .. })));
-    let none = run(&body, &cloth, &cloth.points, &Params { influences: 0, ..Params::default() });
+    let none = rig(&body, &cloth, &cloth.points, &Params { influences: 0, ..Params::default() });
     assert_eq!(none.unwrap_err(), Error::NoInfluence);
     let bare = Character { skin: Skin::default(), ..body };
-    assert!(matches!(run(&bare, &cloth, &cloth.points, &Params::default()), Err(Error::NoSkin { .. })));
+    assert!(matches!(rig(&bare, &cloth, &cloth.points, &Params::default()), Err(Error::NoSkin { .. })));
 }
