@@ -17,7 +17,7 @@ use super::elastic::Elastic;
 use super::offsets::Offsets;
 use super::system::System;
 use super::{Error, Params};
-use crate::device::Device;
+use crate::device::{Buffer, Device};
 use crate::model::Vec3;
 use crate::solve::cg::CgParams;
 
@@ -53,6 +53,8 @@ pub struct Simulation<'a> {
     pub(super) params: &'a Params,
     pub(super) elastic: Elastic,
     pub(super) system: System,
+    /// No displacement: every linearisation is about a rebased reference.
+    rest: Buffer<f32>,
     pub(super) contact: Contact<'a>,
     pub(super) offsets: Offsets,
     /// Node masses [kg].
@@ -175,6 +177,7 @@ impl<'a> Simulation<'a> {
         Ok(Simulation {
             device,
             params,
+            rest: device.zeros("displacement", 3 * nodes)?,
             system: System::new(device, &parts.masses, parts.elastic.diagonal_slots())?,
             elastic: parts.elastic,
             contact: Contact::new(parts.scene, parts.radii, parts.stiffness, &points),
@@ -323,9 +326,8 @@ impl<'a> Simulation<'a> {
         history: &History,
         info: &mut StepInfo,
     ) -> Result<Vec<Vec3>, Error> {
-        let u = self.device.zeros("displacement", 3 * self.x.len())?;
         self.elastic.rebase(self.device, &here.vertices)?;
-        self.elastic.linearise(self.device, &u)?;
+        self.elastic.linearise(self.device, &self.rest)?;
         let stencils = [&here.contacts.stencils[..], &problem.friction[..]].concat();
         let cg = CgParams { tolerance: self.params.cg_tolerance, max_iterations: self.params.max_cg };
         let (gradient, weights) = history.before(here.gradient.clone());

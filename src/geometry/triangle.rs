@@ -41,6 +41,9 @@ pub fn closest(p: &Vec3, corners: &[Vec3; 3]) -> [f64; 3] {
         return [0.0, 1.0 - w, w];
     }
     let sum = va + vb + vc;
+    if sum <= 0.0 {
+        return [1.0, 0.0, 0.0]; // no area: every case above failed by rounding alone
+    }
     let (v, w) = (vb / sum, vc / sum);
     [1.0 - v - w, v, w]
 }

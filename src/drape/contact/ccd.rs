@@ -3,7 +3,8 @@
 //!
 //! Each advance is a lower bound of the time to contact, so the result never passes through.
 
-use super::distance::{point_triangle, segment_segment};
+use super::distance::segment_segment;
+use crate::geometry::triangle;
 use crate::model::Vec3;
 
 /// Share of the lower bound that an advance takes.
@@ -28,7 +29,7 @@ impl Shape {
     pub fn coefficients(self, x: &[Vec3; 4]) -> [f64; 4] {
         match self {
             Shape::PointTriangle => {
-                let w = point_triangle(&x[0], &x[1], &x[2], &x[3]);
+                let w = triangle::closest(&x[0], &[x[1], x[2], x[3]]);
                 [1.0, -w[0], -w[1], -w[2]]
             }
             Shape::SegmentSegment => {

@@ -17,8 +17,6 @@ const SOLID_THRESHOLD: f64 = 0.5;
 const LAYER_THRESHOLD: f64 = 0.25;
 /// Deepest start below a lower garment that is taken for a fault [m].
 const LAYER_DEPTH: f64 = 0.03;
-/// A barycentric coordinate below this puts a closest point on the border of its triangle.
-const ON_BORDER: f64 = 1e-9;
 
 /// Edges of a mesh with the triangles at their sides.
 #[derive(Clone, Debug, Default)]
@@ -73,14 +71,8 @@ pub struct Fixed<'a> {
     pub solid: bool,
     /// Edges.
     pub edges: Edges,
-    /// Outward unit normals per point, edge and triangle.
-    pub point_normals: Vec<Vec3>,
-    /// See [`Fixed::point_normals`].
-    pub edge_normals: Vec<Vec3>,
-    /// See [`Fixed::point_normals`].
+    /// Outward unit normals of the triangles.
     pub triangle_normals: Vec<Vec3>,
-    /// Points on an open border.
-    pub border: Vec<bool>,
     /// Points that a triangle uses.
     pub used: Vec<bool>,
     /// Broad phase over triangles, edges and points.
@@ -99,26 +91,13 @@ impl<'a> Fixed<'a> {
         let unit = |n: Vec3| n.try_normalize(0.0).unwrap_or_else(Vec3::zeros);
         let triangle_normals: Vec<Vec3> =
             (0..mesh.triangles.len()).map(|t| unit(mesh.area_normal(t))).collect();
-        let edge_normals = edges
-            .triangles
-            .iter()
-            .map(|around| unit(around.iter().map(|&t| triangle_normals[t as usize]).sum()))
-            .collect();
-        let (mut border, mut used) = (vec![false; mesh.points.len()], vec![false; mesh.points.len()]);
-        for (ends, around) in edges.ends.iter().zip(&edges.triangles) {
-            for &p in ends {
-                border[p as usize] |= around.len() == 1;
-                used[p as usize] = true;
-            }
-        }
+        let mut used = vec![false; mesh.points.len()];
+        edges.ends.iter().flatten().for_each(|&p| used[p as usize] = true);
         let point = |p: u32| mesh.points[p as usize];
         Fixed {
             surface,
             solid,
-            point_normals: mesh.point_normals(),
-            edge_normals,
             triangle_normals,
-            border,
             used,
             triangle_tree: BoxTree::new(mesh.triangles.iter().map(|t| bounds(&t.map(point), 0.0))),
             edge_tree: BoxTree::new(edges.ends.iter().map(|e| bounds(&e.map(point), 0.0))),
@@ -132,24 +111,18 @@ impl<'a> Fixed<'a> {
         self.surface.mesh()
     }
 
+    /// Outward pseudo-normal of edge `e`.
+    pub fn edge_normal(&self, e: u32) -> Vec3 {
+        let t = self.edges.triangles[e as usize][0] as usize;
+        let from = self.edges.of_triangle[t].iter().position(|&own| own == e).unwrap_or(0);
+        // The surface counts edges by the corner opposite.
+        self.surface.edge_normals()[t][(from + 2) % 3]
+    }
+
     /// The closest point of the surface and the side that `x` is on.
     pub fn side(&self, x: &Vec3) -> Side {
         let closest = self.surface.closest(x);
-        let t = closest.triangle as usize;
-        let tri = self.mesh().triangles[t];
-        let off: Vec<usize> = (0..3).filter(|&k| closest.barycentric[k] < ON_BORDER).collect();
-        let (normal, border) = match off[..] {
-            [] => (self.triangle_normals[t], false),
-            [k] => {
-                let e = self.edges.of_triangle[t][(k + 1) % 3] as usize;
-                (self.edge_normals[e], self.edges.triangles[e].len() == 1)
-            }
-            _ => {
-                let k = (0..3).find(|k| !off.contains(k)).unwrap_or(0);
-                let p = tri[k] as usize;
-                (self.point_normals[p], self.border[p])
-            }
-        };
+        let (normal, border) = (self.surface.pseudo_normal(&closest), self.surface.is_boundary(&closest));
         let inside = (x - closest.point).dot(&normal) < 0.0;
         let signed = if inside { -closest.distance } else { closest.distance };
         Side { point: closest.point, normal, signed, border }

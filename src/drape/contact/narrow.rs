@@ -195,8 +195,8 @@ fn signed_gap(
             axis.try_normalize(0.0)? * sign
         }
         Role::OnCollider => scene.colliders[pair.collider as usize].triangle_normals[pair.b as usize],
-        Role::EdgeCollider => scene.colliders[pair.collider as usize].edge_normals[pair.b as usize],
-        Role::UnderCloth => -scene.colliders[pair.collider as usize].point_normals[pair.a as usize],
+        Role::EdgeCollider => scene.colliders[pair.collider as usize].edge_normal(pair.b),
+        Role::UnderCloth => -scene.colliders[pair.collider as usize].surface.point_normals()[pair.a as usize],
     };
     if d < 1e-6 {
         return Some((outward, 0.0));
