@@ -10,6 +10,7 @@
 //! - [`intersect`]: exact triangle-triangle tests.
 //! - [`sdf`]: the narrow-band signed distance of paper section 5.1.
 //! - [`skin`]: the part of a body that something outside can touch.
+//! - [`skinning`]: where a pose takes what hangs on a skeleton.
 //!
 //! Everything but [`bulk`] is `f64`, and all is deterministic: results do not depend on the
 //! number of threads.
@@ -19,6 +20,7 @@ pub mod bvh;
 pub mod intersect;
 pub mod sdf;
 pub mod skin;
+pub mod skinning;
 pub mod surface;
 pub mod triangle;
 pub mod winding;
