@@ -5,6 +5,8 @@
 //! after the other on the body and on what already lies there, and the rig (7) gives them
 //! skin weights. The certificate measures the result with tests of its own.
 
+mod carry;
+
 use std::time::Instant;
 
 use serde::{Deserialize, Serialize};
@@ -17,7 +19,8 @@ use crate::geometry::{OuterSkin, Surface};
 use crate::model::{Character, Garment, Outfit, Skin, Vec2, Vec3};
 use crate::pattern;
 use crate::rig;
-use crate::transfer;
+use crate::transfer::{self, Cache};
+pub use carry::FlowReport;
 
 /// Every setting of every stage.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -89,6 +92,10 @@ pub struct Report {
     pub broken: Vec<String>,
     /// Time of each stage [s].
     pub seconds: Seconds,
+    /// The flow from each source body.
+    pub flows: Vec<FlowReport>,
+    /// What the user should know and no threshold says.
+    pub notes: Vec<String>,
     /// Garments in the outfit's order.
     pub garments: Vec<GarmentReport>,
 }
@@ -182,7 +189,7 @@ pub enum Error {
 /// much of it is done, 0 to 1.
 pub type Progress<'a> = dyn FnMut(&str, f64) + 'a;
 
-/// Fits an outfit to a character.
+/// Fits an outfit to a character; flows between bodies are kept in `cache`.
 ///
 /// # Errors
 /// Input that cannot be worked on, or a device's failure; see [`Error`]. A result that falls
@@ -192,6 +199,7 @@ pub fn fit(
     character: &Character,
     settings: &Settings,
     device: &Device,
+    cache: &Cache,
     progress: &mut Progress<'_>,
 ) -> Result<Dressed, Error> {
     let started = Instant::now();
@@ -202,7 +210,8 @@ pub fn fit(
 
     progress("transfer", 0.0);
     let clock = Instant::now();
-    let transferred = transfer_all(outfit, character, settings, device)?;
+    let carried = carry::carry_all(outfit, character, settings, device, cache)?;
+    let transferred = carried.garments;
     seconds.transfer = clock.elapsed().as_secs_f64();
     progress("transfer", 1.0);
 
@@ -274,7 +283,15 @@ pub fn fit(
     }
     seconds.total = started.elapsed().as_secs_f64();
     let passed = broken.is_empty();
-    let report = Report { device: device.info(), passed, broken, seconds, garments: reports };
+    let report = Report {
+        device: device.info(),
+        passed,
+        broken,
+        seconds,
+        flows: carried.flows,
+        notes: carried.notes,
+        garments: reports,
+    };
     Ok(Dressed { garments, report })
 }
 
@@ -308,33 +325,6 @@ fn check_body(outfit: &Outfit, garment: &Garment, character: &Character) -> Resu
         }
         None => Ok(()),
     }
-}
-
-/// Transfers the garments of each source body in one go: the field is theirs in common.
-fn transfer_all(
-    outfit: &Outfit,
-    character: &Character,
-    settings: &Settings,
-    device: &Device,
-) -> Result<Vec<(Vec<Vec3>, transfer::Info)>, Error> {
-    let mut results = vec![None; outfit.garments.len()];
-    for (b, body) in outfit.bodies.iter().enumerate() {
-        let members: Vec<usize> =
-            (0..outfit.garments.len()).filter(|&g| outfit.garments[g].body == b).collect();
-        if members.is_empty() {
-            continue;
-        }
-        let input = transfer::Input {
-            source: &body.body,
-            target: &character.body,
-            garments: members.iter().map(|&g| outfit.garments[g].points.as_slice()).collect(),
-        };
-        let output = transfer::run(device, &input, &settings.transfer)?;
-        for ((g, points), info) in members.into_iter().zip(output.garments).zip(output.infos) {
-            results[g] = Some((points, info));
-        }
-    }
-    Ok(results.into_iter().map(|r| r.expect("every garment has a source body")).collect())
 }
 
 /// Drapes layer after layer on the solids; finished garments are colliders of the next (paper,

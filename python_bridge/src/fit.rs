@@ -1,8 +1,12 @@
 //! `fit`: from dictionaries to dictionaries.
 
+use std::path::PathBuf;
+use std::sync::LazyLock;
+
 use dressform::device::{Device, DeviceChoice};
 use dressform::model::{Vec2, Vec3};
 use dressform::pipeline::{self, Dressed, DressedGarment, GarmentReport, Settings};
+use dressform::transfer::Cache;
 use numpy::{IntoPyArray, PyArrayMethods};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
@@ -15,9 +19,12 @@ pub fn default_settings_json() -> PyResult<String> {
     serde_json::to_string(&Settings::default()).map_err(|e| errors::internal(e.to_string()))
 }
 
+/// Flows between bodies that this process has solved.
+static CACHE: LazyLock<Cache> = LazyLock::new(Cache::default);
+
 /// Fits an outfit to a character; see `dressform.native.fit_arrays`.
 #[pyfunction]
-#[pyo3(signature = (outfit, character, settings_json, device, progress=None))]
+#[pyo3(signature = (outfit, character, settings_json, device, progress=None, cache=None))]
 pub fn fit<'py>(
     py: Python<'py>,
     outfit: &Bound<'py, PyDict>,
@@ -25,14 +32,16 @@ pub fn fit<'py>(
     settings_json: &str,
     device: &str,
     progress: Option<&Bound<'py, PyAny>>,
+    cache: Option<PathBuf>,
 ) -> PyResult<Bound<'py, PyDict>> {
     let settings: Settings = serde_json::from_str(settings_json).map_err(|e| errors::settings(&e))?;
     let outfit = read::outfit(outfit)?;
     let character = read::character(character)?;
     let Ok(choice) = device.parse::<DeviceChoice>();
+    let cache = cache.map_or_else(|| CACHE.clone(), |folder| CACHE.on_disk(folder));
     let dressed = job::run(py, progress, move |report| {
         let device = Device::open(&choice).map_err(errors::device)?;
-        pipeline::fit(&outfit, &character, &settings, &device, report).map_err(errors::pipeline)
+        pipeline::fit(&outfit, &character, &settings, &device, &cache, report).map_err(errors::pipeline)
     })?;
     dressed_dict(py, dressed)
 }

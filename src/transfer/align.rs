@@ -11,6 +11,7 @@
 //! trousers) and stalled with a gap of 1.4 mm; without the excess none of that remains.
 
 use nalgebra::Matrix3;
+use serde::{Deserialize, Serialize};
 
 use crate::model::Vec3;
 
@@ -19,7 +20,7 @@ use crate::model::Vec3;
 pub const FREE_SCALE: f64 = 1.1;
 
 /// `x -> linear x + shift`.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Motion {
     /// A rotation, times a scale if the sizes differ a lot.
     pub linear: Matrix3<f64>,

@@ -1,5 +1,7 @@
 //! The sparse grid: active cells of a regular lattice, and their nodes.
 
+use serde::{Deserialize, Serialize};
+
 use super::element;
 use crate::model::Vec3;
 
@@ -13,7 +15,7 @@ const BOX_LIMIT: usize = 1 << 27;
 pub type Coordinates = [i32; 3];
 
 /// An endless regular lattice of cubes.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Serialize, Deserialize)]
 pub struct Lattice {
     /// Lower corner of cell (0, 0, 0) [m].
     pub origin: Vec3,

@@ -21,15 +21,15 @@ use crate::geometry::Surface;
 use crate::model::Vec3;
 
 /// The field beyond the band, for those of `points` that the band does not hold; `None` if
-/// it holds all of them.
+/// it holds all of them (then the body's `surface` is not asked for).
 ///
 /// # Errors
 /// A point farther from the body than `reach` [m], or a device's failure.
-pub fn extend(
+pub fn extend<'a>(
     device: &Device,
     params: &Params,
     band: &Field,
-    surface: &Surface,
+    surface: impl Fn() -> &'a Surface,
     points: &[Vec3],
     reach: f64,
 ) -> Result<Option<(Field, InnerInfo)>, Error> {
@@ -60,9 +60,9 @@ pub fn extend(
 }
 
 /// Cells outside of the band on the lines from points outside to the body.
-fn lines_to_body(
+fn lines_to_body<'a>(
     band: &Domain,
-    surface: &Surface,
+    surface: impl Fn() -> &'a Surface,
     points: &[Vec3],
     reach: f64,
 ) -> Result<BTreeSet<Coordinates>, Error> {
@@ -71,7 +71,7 @@ fn lines_to_body(
         if band.locate(p).is_some() {
             continue;
         }
-        let closest = surface.closest(p);
+        let closest = surface().closest(p);
         if closest.distance > reach {
             return Err(Error::FarPoint { what: String::new(), element, distance: closest.distance, reach });
         }

@@ -14,7 +14,7 @@
 //! tolerance, and every linear solve reached its own.
 
 use nalgebra::{DMatrix, DVector};
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 use super::Params;
 use super::boundary::Boundary;
@@ -30,7 +30,7 @@ use crate::solve::cg::{Cg, CgParams, Operator};
 const DEPTH: usize = 5;
 
 /// What the inner loop did.
-#[derive(Clone, Debug, Default, Serialize)]
+#[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub struct InnerInfo {
     /// Conjugate gradient iterations of each linear solve.
     pub cg_iterations: Vec<usize>,

@@ -40,13 +40,17 @@
 pub mod activity;
 pub mod align;
 pub mod boundary;
+pub mod cache;
+mod digest;
 pub mod domain;
 pub mod element;
 pub mod extension;
 pub mod field;
 pub mod gap;
 mod outer;
+pub mod prepared;
 pub mod stencil;
+mod store;
 #[cfg(test)]
 mod tests;
 pub mod volume;
@@ -56,7 +60,9 @@ use thiserror::Error;
 
 use crate::device::{Device, DeviceError, Kernel};
 use crate::model::{TriMesh, Vec3};
+pub use cache::Cache;
 use field::InnerInfo;
+pub use prepared::{Carried, Prepared};
 
 /// All kernels of this module, for the tests that validate WGSL.
 pub const KERNELS: &[&Kernel] = &[&stencil::STENCIL, &volume::PRESSURE, &volume::RESIDUAL];
@@ -134,7 +140,7 @@ pub struct Input<'a> {
 }
 
 /// Why the outer loop ended.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Stop {
     /// The gap is closed.
@@ -262,9 +268,10 @@ pub enum Error {
 }
 
 impl Error {
-    /// The same error, with the name of the mesh that it is about.
-    fn within(mut self, name: &str) -> Error {
-        if let Error::FarPoint { what, .. } = &mut self {
+    /// The same error, with the name of the mesh whose points it is about.
+    #[must_use]
+    pub fn within(mut self, name: &str) -> Error {
+        if let Error::FarPoint { what, .. } | Error::NotFinite { what, .. } = &mut self {
             name.clone_into(what);
         }
         self
@@ -277,15 +284,40 @@ impl From<domain::TooLarge> for Error {
     }
 }
 
+/// Solves the flow from a source body to a target: for each source point, the point that it
+/// goes to. What comes back carries any number of garments.
+///
+/// # Errors
+/// Bodies that do not fit together, settings out of range, or a device's failure. A gap that
+/// could not be closed is no error: [`Info::converged`] says it.
+pub fn prepare(
+    device: &Device,
+    source: &TriMesh,
+    target: &TriMesh,
+    params: &Params,
+) -> Result<Prepared, Error> {
+    params.validate()?;
+    validate(source, target)?;
+    outer::prepare(device, source, &target.points, params).map_err(|e| e.within("source body"))
+}
+
 /// Carries garments from the source body to the target.
 ///
 /// # Errors
-/// Input that does not fit together, settings out of range, or a device's failure. A gap
-/// that could not be closed is no error: [`Info::converged`] says it.
+/// As [`prepare`] and [`Prepared::carry`].
 pub fn run(device: &Device, input: &Input<'_>, params: &Params) -> Result<Output, Error> {
-    params.validate()?;
-    input.validate()?;
-    outer::run(device, input, params)
+    for (g, points) in input.garments.iter().enumerate() {
+        finite(&format!("garment {g}"), points)?;
+    }
+    let prepared = prepare(device, input.source, input.target, params)?;
+    let gap = prepared.gap_near(&input.garments.concat());
+    let mut output = Output { garments: Vec::new(), infos: Vec::new(), body: prepared.body().to_vec() };
+    for (g, points) in input.garments.iter().enumerate() {
+        let carried = prepared.carry(device, points).map_err(|e| e.within(&format!("garment {g}")))?;
+        output.infos.push(prepared.info(&carried, &gap));
+        output.garments.push(carried.points);
+    }
+    Ok(output)
 }
 
 impl Params {
@@ -322,29 +354,22 @@ impl Params {
     }
 }
 
-impl Input<'_> {
-    fn validate(&self) -> Result<(), Error> {
-        let (source, target) = (self.source, self.target);
-        if source.points.len() != target.points.len() {
-            let (source_points, target) = (source.points.len(), target.points.len());
-            return Err(Error::Topology { source_points, target });
-        }
-        if source.triangles.is_empty() {
-            return Err(Error::Empty);
-        }
-        let count = source.points.len();
-        for (element, triangle) in source.triangles.iter().enumerate() {
-            if let Some(&index) = triangle.iter().find(|&&i| i as usize >= count) {
-                return Err(Error::Index { element, index, count });
-            }
-        }
-        finite("source body", &source.points)?;
-        finite("target body", &target.points)?;
-        for (g, points) in self.garments.iter().enumerate() {
-            finite(&format!("garment {g}"), points)?;
-        }
-        Ok(())
+fn validate(source: &TriMesh, target: &TriMesh) -> Result<(), Error> {
+    if source.points.len() != target.points.len() {
+        let (source_points, target) = (source.points.len(), target.points.len());
+        return Err(Error::Topology { source_points, target });
     }
+    if source.triangles.is_empty() {
+        return Err(Error::Empty);
+    }
+    let count = source.points.len();
+    for (element, triangle) in source.triangles.iter().enumerate() {
+        if let Some(&index) = triangle.iter().find(|&&i| i as usize >= count) {
+            return Err(Error::Index { element, index, count });
+        }
+    }
+    finite("source body", &source.points)?;
+    finite("target body", &target.points)
 }
 
 fn finite(what: &str, points: &[Vec3]) -> Result<(), Error> {

@@ -16,4 +16,5 @@ def fit(
     settings_json: str,
     device: str,
     progress: Callable[[str, float], None] | None = None,
+    cache: str | None = None,
 ) -> dict[str, Any]: ...

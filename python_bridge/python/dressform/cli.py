@@ -83,6 +83,10 @@ def fit(
     device: Device = "auto",
     as_json: Json = False,
     no_clobber: Annotated[bool, typer.Option("--no-clobber", help="Refuse to replace OUT.")] = False,
+    cache: Annotated[
+        str | None,
+        typer.Option(metavar="DIR", envvar="DRESSFORM_CACHE", help="Keep the flows between bodies here."),
+    ] = None,
 ) -> None:
     """Fit an outfit to a character and write the dressed character."""
     from . import fitting
@@ -98,6 +102,7 @@ def fit(
             device=device,
             clobber=not no_clobber,
             progress=progress,
+            cache=cache,
         )
     if as_json:
         _print_json(result.to_json())

@@ -11,6 +11,9 @@ from . import native
 from .result import Result, from_report
 from .settings import Settings, parse
 
+#: Names the folder of the cache where none is given.
+CACHE_VARIABLE = "DRESSFORM_CACHE"
+
 
 def fit(
     outfit: str | os.PathLike[str],
@@ -21,6 +24,7 @@ def fit(
     device: str = "auto",
     clobber: bool = True,
     progress: native.Progress | None = None,
+    cache: str | os.PathLike[str] | None = None,
 ) -> Result:
     """Fits an outfit to a character and writes the dressed character.
 
@@ -32,6 +36,8 @@ def fit(
         device: ``auto``, ``cpu``, ``gpu`` or a part of an adapter's name.
         clobber: whether an existing ``out`` is replaced.
         progress: called with the stage's name and the fraction of it that is done.
+        cache: a folder that keeps the flows between bodies for other processes, ``$DRESSFORM_CACHE`` by
+            default; without it they are kept for this process alone.
 
     Returns:
         The result, written whether or not a threshold was broken: see ``passed``.
@@ -72,7 +78,8 @@ def fit(
     read = time.perf_counter() - started
     tell("read", 1.0)
 
-    fitted = native.fit_arrays(source, target, chosen.core_json(), device, tell)
+    folder = os.fspath(cache or "") or os.environ.get(CACHE_VARIABLE) or None
+    fitted = native.fit_arrays(source, target, chosen.core_json(), device, tell, folder)
     report = fitted.report
 
     before = time.perf_counter()
@@ -94,5 +101,5 @@ def fit(
         output=os.fspath(out),
         version=native.version(),
         seconds=seconds,
-        notes=[*source.notes, *notes, *more],
+        notes=[*source.notes, *notes, *report["notes"], *more],
     )

@@ -32,6 +32,7 @@ def fit_arrays(
     settings_json: str = "{}",
     device: str = "auto",
     progress: Progress | None = None,
+    cache: str | None = None,
 ) -> Fitted:
     """Fits an outfit to a character: arrays in and out, no USD.
 
@@ -41,6 +42,7 @@ def fit_arrays(
         settings_json: settings that differ from the defaults, as JSON.
         device: ``auto``, ``cpu``, ``gpu`` or a part of an adapter's name.
         progress: called from this thread while the core runs.
+        cache: a folder that keeps the flows between bodies for other processes.
 
     Raises:
         BadInput: arrays that do not fit together; names garment, field and element.
@@ -48,7 +50,7 @@ def fit_arrays(
         NoDevice: no such device, or it failed.
         InternalFault: a bug of the core.
     """
-    answer = _native.fit(record(outfit), record(character), settings_json, device, progress)
+    answer = _native.fit(record(outfit), record(character), settings_json, device, progress, cache)
     return Fitted([_dressed(g) for g in answer["garments"]], json.loads(answer["report"]))
 
 
