@@ -13,8 +13,8 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 use bytemuck::cast_slice;
 use serde::Serialize;
+use sha2::{Digest, Sha256};
 
-use super::digest::Digest;
 use super::store::{Key, decode, encode};
 use super::{Error, Params, Prepared, prepare};
 use crate::device::Device;
@@ -122,9 +122,9 @@ impl Cache {
 
 /// Names the transfer of a pair of bodies.
 fn key(device: &Device, source: &TriMesh, target: &TriMesh, params: &Params) -> Key {
-    let mut digest = Digest::new();
+    let mut digest = Sha256::new();
     let mut part = |bytes: &[u8]| {
-        digest.update(&(bytes.len() as u64).to_le_bytes());
+        digest.update((bytes.len() as u64).to_le_bytes());
         digest.update(bytes);
     };
     part(env!("CARGO_PKG_VERSION").as_bytes());
@@ -139,7 +139,7 @@ fn key(device: &Device, source: &TriMesh, target: &TriMesh, params: &Params) -> 
         part(cast_slice(&points));
     }
     part(cast_slice::<[u32; 3], u8>(&source.triangles));
-    digest.finish()
+    digest.finalize().into()
 }
 
 fn hex(key: &Key) -> String {

@@ -41,7 +41,6 @@ pub mod activity;
 pub mod align;
 pub mod boundary;
 pub mod cache;
-mod digest;
 pub mod domain;
 pub mod element;
 pub mod extension;

@@ -15,10 +15,10 @@ use std::sync::OnceLock;
 
 use bytemuck::{Pod, cast_slice, pod_collect_to_vec};
 use serde::{Deserialize, Serialize};
+use sha2::{Digest, Sha256};
 
 use super::Params;
 use super::align::Motion;
-use super::digest::Digest;
 use super::domain::{Coordinates, Domain, Kind, Lattice};
 use super::field::Field;
 use super::gap::Gap;
@@ -80,7 +80,7 @@ pub(super) fn encode(prepared: &Prepared, key: &Key) -> Vec<u8> {
         put(&mut out, cast_slice(&flat(&step.field.displacement)));
         put(&mut out, cast_slice(&flat(&step.skin)));
     }
-    let digest = Digest::of(&out[HEAD..]);
+    let digest = Sha256::digest(&out[HEAD..]);
     let head = [&MAGIC[..], &BYTE_ORDER.to_ne_bytes(), &FORMAT.to_ne_bytes(), key, &digest].concat();
     out[..HEAD].copy_from_slice(&head);
     out
@@ -90,7 +90,7 @@ pub(super) fn encode(prepared: &Prepared, key: &Key) -> Vec<u8> {
 pub(super) fn decode(bytes: &[u8], key: &Key, params: &Params) -> Option<Prepared> {
     let head = bytes.get(..HEAD)?;
     let known = [&MAGIC[..], &BYTE_ORDER.to_ne_bytes(), &FORMAT.to_ne_bytes(), key].concat();
-    if head[..HEAD - 32] != known || head[HEAD - 32..] != Digest::of(&bytes[HEAD..]) {
+    if head[..HEAD - 32] != known || head[HEAD - 32..] != *Sha256::digest(&bytes[HEAD..]) {
         return None;
     }
     let mut rest = &bytes[HEAD..];
