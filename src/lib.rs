@@ -21,6 +21,7 @@ pub mod geometry;
 pub mod model;
 pub mod pattern;
 pub mod pipeline;
+pub mod proxy;
 pub mod rig;
 pub mod solve;
 pub mod transfer;

@@ -1,9 +1,10 @@
 //! The whole way of an outfit onto a character; the only file that knows every stage.
 //!
-//! Transfer (paper 4.1) carries every garment from its source body to the target, the
-//! pattern refit (4.2) gives each its new panels, the draper (5) settles the layers one
-//! after the other on the body and on what already lies there, and the rig (7) gives them
-//! skin weights. The certificate measures the result with tests of its own.
+//! Proxies (paper 6) leave pockets and trims out until a layer is done. Transfer (4.1) carries
+//! every garment from its source body to the target, the pattern refit (4.2) gives each its new
+//! panels, the draper (5) settles the layers one after the other on the body and on what already
+//! lies there, details included, and the rig (7) gives them skin weights. The certificate
+//! measures the result with tests of its own.
 
 mod carry;
 
@@ -18,6 +19,7 @@ use crate::drape;
 use crate::geometry::{OuterSkin, Surface};
 use crate::model::{Character, Garment, Outfit, Skin, Vec2, Vec3};
 use crate::pattern;
+use crate::proxy::{self, Proxy};
 use crate::rig;
 use crate::transfer::{self, Cache};
 pub use carry::FlowReport;
@@ -26,6 +28,8 @@ pub use carry::FlowReport;
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Settings {
+    /// Detail panels.
+    pub proxy: proxy::Params,
     /// 3D transfer.
     pub transfer: transfer::Params,
     /// Pattern refit.
@@ -69,6 +73,8 @@ pub struct GarmentReport {
     pub panels: usize,
     /// Authored seams.
     pub seams: usize,
+    /// What was left out of transfer and drape, and how it came back.
+    pub proxy: proxy::Info,
     /// The transfer's account.
     pub transfer: transfer::Info,
     /// The pattern refit's account.
@@ -156,6 +162,9 @@ pub enum Error {
         /// Source bodies there are.
         count: usize,
     },
+    /// A garment has no proxy.
+    #[error(transparent)]
+    Proxy(#[from] proxy::Error),
     /// The transfer failed.
     #[error("transfer: {0}")]
     Transfer(#[from] transfer::Error),
@@ -207,10 +216,15 @@ pub fn fit(
     for garment in &outfit.garments {
         check_body(outfit, garment, character)?;
     }
+    let proxies = outfit
+        .garments
+        .iter()
+        .map(|garment| Proxy::new(garment, &settings.proxy))
+        .collect::<Result<Vec<_>, _>>()?;
 
     progress("transfer", 0.0);
     let clock = Instant::now();
-    let carried = carry::carry_all(outfit, character, settings, device, cache)?;
+    let carried = carry::carry_all(outfit, &proxies, character, settings, device, cache)?;
     let transferred = carried.garments;
     seconds.transfer = clock.elapsed().as_secs_f64();
     progress("transfer", 1.0);
@@ -219,7 +233,8 @@ pub fn fit(
     let mut patterns = Vec::new();
     for (g, garment) in outfit.garments.iter().enumerate() {
         progress("pattern", g as f64 / outfit.garments.len() as f64);
-        let refitted = pattern::run(garment, &transferred[g].0, &settings.pattern)
+        let refitted = proxies[g]
+            .refit(&transferred[g].0, &settings.pattern)
             .map_err(|error| Error::Pattern { garment: garment.path.clone(), error })?;
         patterns.push(refitted);
     }
@@ -230,16 +245,17 @@ pub fn fit(
     let body = OuterSkin::new(&character.body);
     let colliders: Vec<Surface> = character.colliders.iter().map(|c| Surface::new(c.mesh.clone())).collect();
     let solids: Vec<&Surface> = std::iter::once(&body.surface).chain(&colliders).collect();
-    let draped = drape_all(outfit, &solids, &transferred, &patterns, settings, device, progress)?;
+    let draped = drape_all(outfit, &proxies, &solids, &transferred, &patterns, settings, device, progress)?;
     seconds.drape = clock.elapsed().as_secs_f64();
 
     let clock = Instant::now();
     let mut skins = Vec::new();
     for (g, garment) in outfit.garments.iter().enumerate() {
         progress("rig", g as f64 / outfit.garments.len() as f64);
-        let skin = rig::run(character, &body, garment, &draped[g].points, &settings.rig)
+        let points = proxies[g].gather(&draped[g].points);
+        let (skin, info) = rig::run(character, &body, proxies[g].garment(), &points, &settings.rig)
             .map_err(|error| Error::Rig { garment: garment.path.clone(), error })?;
-        skins.push(skin);
+        skins.push((proxies[g].skin(&skin), info));
     }
     seconds.rig = clock.elapsed().as_secs_f64();
     progress("rig", 1.0);
@@ -265,6 +281,7 @@ pub fn fit(
             triangles: garment.triangles.len(),
             panels: garment.panels.len(),
             seams: garment.seams.len(),
+            proxy: draped.proxy,
             transfer: transferred.1,
             pattern: pattern.1,
             drape: draped.info,
@@ -289,7 +306,7 @@ pub fn fit(
         broken,
         seconds,
         flows: carried.flows,
-        notes: carried.notes,
+        notes: proxies.iter().flat_map(Proxy::notes).chain(carried.notes).collect(),
         garments: reports,
     };
     Ok(Dressed { garments, report })
@@ -327,37 +344,52 @@ fn check_body(outfit: &Outfit, garment: &Garment, character: &Character) -> Resu
     }
 }
 
-/// Drapes layer after layer on the solids; finished garments are colliders of the next (paper,
-/// algorithm 1).
+/// A garment with its details, draped.
+struct Draped {
+    points: Vec<Vec3>,
+    rest_offsets: Vec<Vec3>,
+    info: drape::Info,
+    proxy: proxy::Info,
+}
+
+/// Drapes layer after layer on the solids; finished garments, details and all, are colliders of
+/// the next (paper, algorithm 1 and section 6).
+#[expect(clippy::too_many_arguments, reason = "every stage before has a say")]
 fn drape_all(
     outfit: &Outfit,
+    proxies: &[Proxy<'_>],
     solids: &[&Surface],
     transferred: &[(Vec<Vec3>, transfer::Info)],
     patterns: &[(Vec<Vec2>, pattern::Info)],
     settings: &Settings,
     device: &Device,
     progress: &mut Progress<'_>,
-) -> Result<Vec<drape::Output>, Error> {
+) -> Result<Vec<Draped>, Error> {
     let mut order: Vec<usize> = (0..outfit.garments.len()).collect();
     order.sort_by_key(|&g| outfit.garments[g].layer);
     let mut finished: Vec<Surface> = Vec::new();
-    let mut outputs: Vec<Option<drape::Output>> = outfit.garments.iter().map(|_| None).collect();
+    let mut outputs: Vec<Option<Draped>> = outfit.garments.iter().map(|_| None).collect();
     for (done, &g) in order.iter().enumerate() {
         let garment = &outfit.garments[g];
+        let layers: Vec<&Surface> = finished.iter().collect();
         let input = drape::Input {
-            garment,
+            garment: proxies[g].garment(),
             points: &transferred[g].0,
-            pattern: &patterns[g].0,
+            pattern: &proxies[g].gather(&patterns[g].0),
             colliders: solids,
-            layers: &finished.iter().collect::<Vec<_>>(),
+            layers: &layers,
         };
         let count = order.len() as f64;
         let mut report = |part: f64, _: &str| progress("drape", (done as f64 + part) / count);
         report(0.0, "");
         let output = drape::run_with_progress(device, &input, &settings.drape, &mut report)
             .map_err(|error| Error::Drape { garment: garment.path.clone(), error })?;
-        finished.push(Surface::new(garment.welded_mesh(&output.points)));
-        outputs[g] = Some(output);
+        let (points, proxy) = proxies[g].restore(&output.points, &[solids, &layers[..]].concat());
+        // Details are where their bonds put them, which the proxy's account judges.
+        let bound = garment.groups.offsets(&points);
+        let rest_offsets = proxies[g].scatter(&output.rest_offsets, |v| bound[v]);
+        finished.push(Surface::new(garment.welded_mesh(&points)));
+        outputs[g] = Some(Draped { points, rest_offsets, info: output.info, proxy });
     }
     progress("drape", 1.0);
     Ok(outputs.into_iter().map(|o| o.expect("every garment was draped")).collect())
@@ -366,7 +398,7 @@ fn drape_all(
 fn certify(
     outfit: &Outfit,
     body: &OuterSkin,
-    draped: &[drape::Output],
+    draped: &[Draped],
     patterns: &[(Vec<Vec2>, pattern::Info)],
     skins: &[(Skin, rig::Info)],
 ) -> Vec<Certificate> {
@@ -394,6 +426,8 @@ fn broken_thresholds(report: &GarmentReport, thresholds: &Thresholds) -> Vec<Str
         flipped_triangles: Some(report.pattern.flipped_triangles),
         seam_mismatch_max: Some(report.pattern.seam_mismatch_max),
         drape_converged: Some(report.drape.converged),
+        details_inside: Some(report.proxy.inside),
+        detail_offset_change: Some(report.proxy.offset_change()),
     };
     thresholds.broken(&report.name, &report.certificate, &stages)
 }

@@ -3,7 +3,7 @@
 
 use dressform::device::DeviceError;
 use dressform::model::SourceError;
-use dressform::{drape, pattern, pipeline, transfer};
+use dressform::{drape, pattern, pipeline, proxy, transfer};
 use pyo3::PyErr;
 
 mod class {
@@ -48,6 +48,15 @@ pub fn device(error: DeviceError) -> PyErr {
     }
 }
 
+/// A garment without a proxy.
+pub fn proxy(error: proxy::Error) -> PyErr {
+    let message = error.to_string();
+    match error {
+        proxy::Error::Setting { .. } => class::BadSettings::new_err(message),
+        _ => input(message),
+    }
+}
+
 /// A fit that could not be made: the device, the settings or the input; numerics that failed on
 /// input which passed every check are a fault of ours.
 pub fn pipeline(error: pipeline::Error) -> PyErr {
@@ -55,6 +64,7 @@ pub fn pipeline(error: pipeline::Error) -> PyErr {
     match error {
         pipeline::Error::Transfer(transfer::Error::Device(e)) => device(e),
         pipeline::Error::Drape { error: drape::Error::Device(e), .. } => device(e),
+        pipeline::Error::Proxy(e) => self::proxy(e),
         pipeline::Error::Transfer(transfer::Error::Setting { .. })
         | pipeline::Error::Pattern { error: pattern::Error::Setting { .. }, .. }
         | pipeline::Error::Drape { error: drape::Error::Setting { .. }, .. } => {

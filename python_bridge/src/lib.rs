@@ -15,6 +15,9 @@ mod read;
 #[pymodule]
 mod _native {
     use dressform::device::{Device, DeviceChoice};
+    use dressform::model::Garment;
+    use dressform::pipeline::Settings;
+    use dressform::proxy::Proxy;
     use pyo3::prelude::*;
     use pyo3::types::PyDict;
 
@@ -62,6 +65,15 @@ mod _native {
     ) -> PyResult<Vec<Bound<'py, PyDict>>> {
         let outfit = read::outfit(outfit)?;
         outfit.garments.iter().map(|garment| job::garment_dict(py, garment)).collect()
+    }
+
+    /// Says, as JSON, which panels of a garment `fit` would leave out of its simulation and why.
+    #[pyfunction]
+    fn proxy_json(garment: &Bound<'_, PyDict>, settings_json: &str) -> PyResult<String> {
+        let settings: Settings = serde_json::from_str(settings_json).map_err(|e| errors::settings(&e))?;
+        let garment = Garment::from_source(read::garment(garment)?).map_err(errors::source)?;
+        let proxy = Proxy::new(&garment, &settings.proxy).map_err(errors::proxy)?;
+        serde_json::to_string(proxy.info()).map_err(|e| errors::internal(e.to_string()))
     }
 
     /// Reads and checks a character as `fit` would.

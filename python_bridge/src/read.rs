@@ -6,7 +6,7 @@
 use std::collections::BTreeMap;
 
 use dressform::model::{
-    AuthoredSeam, Character, Collider, Fabric, Garment, GarmentSource, Outfit, Panel, Skeleton, Skin,
+    AuthoredSeam, Character, Collider, Fabric, Garment, GarmentSource, Outfit, Panel, Role, Skeleton, Skin,
     TriMesh, Vec2, Vec3,
 };
 use numpy::{AllowTypeChange, PyArrayDescrMethods, PyArrayLikeDyn, PyUntypedArray, PyUntypedArrayMethods};
@@ -120,7 +120,8 @@ pub fn outfit(dict: &Bound<'_, PyDict>) -> PyResult<Outfit> {
     Ok(Outfit { garments, bodies })
 }
 
-fn garment(dict: &Bound<'_, PyDict>) -> PyResult<GarmentSource> {
+/// A garment from the fields of `dressform.model.GarmentSource`.
+pub fn garment(dict: &Bound<'_, PyDict>) -> PyResult<GarmentSource> {
     let nameless = Record { of: "garment".to_owned(), dict };
     let (name, path): (String, String) = (nameless.get("name")?, nameless.get("path")?);
     let record = Record { of: path.clone(), dict };
@@ -148,7 +149,13 @@ fn panel(garment: &str, dict: &Bound<'_, PyDict>) -> PyResult<Panel> {
     let name: String = record.get("name")?;
     let fabric_dict: Bound<'_, PyDict> = record.get("fabric")?;
     let fabric = fabric(&Record { of: format!("{garment}: fabric of panel {name}"), dict: &fabric_dict })?;
-    Ok(Panel { name, label: record.get("label")?, fabric })
+    let role = match record.get::<String>("role")?.as_str() {
+        "auto" => Role::Auto,
+        "shell" => Role::Shell,
+        "detail" => Role::Detail,
+        other => return Err(record.wrong("role", &format!("'{other}' is no role of a panel"))),
+    };
+    Ok(Panel { name, label: record.get("label")?, role, fabric })
 }
 
 /// A preset by name with single values put over it.

@@ -41,6 +41,7 @@ class CoreModel(BaseModel):
     model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
 '''
 NUMBERS = {"f64": "Number", "f32": "Number", "bool": "bool", "String": "str", "i32": "int", "i64": "int"}
+NUMBERS["Vec<String>"] = "list[str]"
 NUMBERS |= dict.fromkeys(("usize", "u8", "u16", "u32", "u64"), "Count")
 
 
@@ -135,7 +136,7 @@ class Writer:
         inner = optional[1] if optional else kind
         if inner in NUMBERS:
             hint = NUMBERS[inner]
-            value = repr(default)
+            value = _value(default, len(f"    {key}: {hint} = "))
         else:
             folder, name = _resolve(inner, item.module)
             found = find(name, folder)
@@ -150,6 +151,16 @@ class Writer:
                 value = f"{hint}()"
         comment = _wrap(doc, "    #: ")
         return [*comment, f"    {key}: {hint}{' | None' if optional else ''} = {value}"]
+
+
+def _value(default: Any, column: int) -> str:
+    """A literal as the formatter would have it, where ``column`` characters stand before it."""
+    if not isinstance(default, list):
+        return repr(default)
+    line = json.dumps(default)
+    if column + len(line) <= 110:
+        return line
+    return "[\n" + "".join(f"        {json.dumps(item)},\n" for item in default) + "    ]"
 
 
 def _docstring(doc: str) -> list[str]:

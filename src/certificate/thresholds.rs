@@ -28,6 +28,10 @@ pub struct Thresholds {
     pub weight_sum_error_max: f64,
     /// Difference of a weight across a seam.
     pub seam_weight_error_max: f64,
+    /// Vertices of details on the wrong side of the proxy that they are bound to.
+    pub details_inside: usize,
+    /// Change of the distance between a detail's vertex and the proxy, relative to itself.
+    pub detail_offset_change: f64,
     /// Whether the transfer must have converged.
     pub transfer_converged: bool,
     /// Whether every step of the drape must have converged.
@@ -47,6 +51,8 @@ impl Default for Thresholds {
             seam_gap_max_m: 1e-4,
             weight_sum_error_max: 1e-5,
             seam_weight_error_max: 1e-6,
+            details_inside: 0,
+            detail_offset_change: 0.1,
             transfer_converged: true,
             drape_converged: true,
         }
@@ -58,6 +64,10 @@ impl Default for Thresholds {
 pub struct StageFigures {
     /// Transfer gap at 99 percent of the area [m].
     pub gap_p99_m: Option<f64>,
+    /// Vertices of details on the wrong side of their proxy.
+    pub details_inside: Option<usize>,
+    /// Change of a detail's distance from its proxy, relative to itself.
+    pub detail_offset_change: Option<f64>,
     /// Whether the transfer converged.
     pub transfer_converged: Option<bool>,
     /// Flipped triangles in the refitted pattern.
@@ -75,6 +85,7 @@ impl Thresholds {
         self.intersections(certificate, &mut said);
         self.lengths(certificate, stages, &mut said);
         self.ratios(certificate, stages, &mut said);
+        self.details(stages, &mut said);
         if self.transfer_converged && stages.transfer_converged == Some(false) {
             said.push("the transfer did not converge".to_owned());
         }
@@ -133,6 +144,22 @@ impl Thresholds {
             if let Some(found) = found.filter(|&x| exceeds(x, limit)) {
                 said.push(format!("{what} {:.3} mm; the limit is {} mm", found * 1e3, limit * 1e3));
             }
+        }
+    }
+
+    fn details(&self, stages: &StageFigures, said: &mut Vec<String>) {
+        if let Some(inside) = stages.details_inside.filter(|&n| n > self.details_inside) {
+            let limit = self.details_inside;
+            said.push(format!(
+                "{inside} vertices of details are inside what they lie on; the limit is {limit}"
+            ));
+        }
+        let change = stages.detail_offset_change.filter(|&x| exceeds(x, self.detail_offset_change));
+        if let Some(found) = change {
+            let (found, limit) = (found * 100.0, self.detail_offset_change * 100.0);
+            said.push(format!(
+                "the distance of a detail has changed by {found:.1} %; the limit is {limit} %"
+            ));
         }
     }
 
@@ -202,6 +229,8 @@ mod tests {
             transfer_converged: Some(false),
             flipped_triangles: Some(1),
             seam_mismatch_max: Some(0.02),
+            details_inside: Some(2),
+            detail_offset_change: Some(0.25),
             drape_converged: Some(false),
         };
         let said = Thresholds::default().broken("Shirt", &certificate, &stages);
@@ -216,6 +245,8 @@ mod tests {
             "Shirt: sewn edges differ in length by 2.000 %; the limit is 0.5 %",
             "Shirt: the weights of a vertex miss a sum of 1 by 2.00e-5; the limit is 1e-5",
             "Shirt: weights differ across a seam by 1.00e-3; the limit is 1e-6",
+            "Shirt: 2 vertices of details are inside what they lie on; the limit is 0",
+            "Shirt: the distance of a detail has changed by 25.0 %; the limit is 10 %",
             "Shirt: the transfer did not converge",
             "Shirt: a step of the drape did not converge",
         ];

@@ -10,6 +10,19 @@ use super::{Fabric, SeamGroups, Skin, TriMesh, Vec2, Vec3};
 /// Two 2D positions of one 3D point closer than this are one vertex [m].
 const SAME_PATTERN_POINT: f64 = 1e-6;
 
+/// What a panel is to the simulation (paper section 6).
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Role {
+    /// Not said: labels and geometry decide.
+    #[default]
+    Auto,
+    /// Part of the garment's shell: always simulated.
+    Shell,
+    /// A detail on the shell: left out of the simulation and bound to the shell.
+    Detail,
+}
+
 /// A pattern piece.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Panel {
@@ -17,6 +30,9 @@ pub struct Panel {
     pub name: String,
     /// Semantic label (`front`, `pocket`, ...), possibly empty.
     pub label: String,
+    /// What the stage says that it is to the simulation.
+    #[serde(default)]
+    pub role: Role,
     /// Fabric.
     pub fabric: Fabric,
 }

@@ -13,7 +13,7 @@ pub mod seam;
 pub use chain::{Chain, seam_mismatch};
 pub use character::{Character, Collider, Skeleton, Skin};
 pub use fabric::Fabric;
-pub use garment::{AuthoredSeam, Garment, GarmentSource, Panel, SourceError};
+pub use garment::{AuthoredSeam, Garment, GarmentSource, Panel, Role, SourceError};
 pub use mesh::TriMesh;
 pub use seam::SeamGroups;
 

@@ -249,7 +249,8 @@ fn check(garment: &Garment, target: &[Vec3], params: &Params) -> Result<(), Erro
     Ok(())
 }
 
-fn pattern_area(garment: &Garment, pattern: &[Vec2]) -> f64 {
+/// Area of all triangles in `pattern` [m^2].
+pub fn pattern_area(garment: &Garment, pattern: &[Vec2]) -> f64 {
     (0..garment.triangles.len())
         .map(|t| {
             let [a, b, c] = garment.pattern_corners(pattern, t);

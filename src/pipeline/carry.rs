@@ -5,6 +5,7 @@ use serde::Serialize;
 use super::{Error, Settings};
 use crate::device::Device;
 use crate::model::{Character, Outfit, Vec3};
+use crate::proxy::Proxy;
 use crate::transfer::cache::Origin;
 use crate::transfer::{self, Cache};
 
@@ -19,15 +20,16 @@ pub struct FlowReport {
 
 /// What became of the garments.
 pub(super) struct CarriedOutfit {
-    /// Points [m] and account of each garment, in the outfit's order.
+    /// Points [m] and account of each garment's proxy, in the outfit's order.
     pub garments: Vec<(Vec<Vec3>, transfer::Info)>,
     pub flows: Vec<FlowReport>,
     pub notes: Vec<String>,
 }
 
-/// Carries the garments of each source body; the flow is theirs in common.
+/// Carries the proxies of the garments of each source body; the flow is theirs in common.
 pub(super) fn carry_all(
     outfit: &Outfit,
+    proxies: &[Proxy<'_>],
     character: &Character,
     settings: &Settings,
     device: &Device,
@@ -45,10 +47,10 @@ pub(super) fn carry_all(
         flows.push(FlowReport { source: body.path.clone(), origin: found.origin });
         notes.extend(found.note);
         let points: Vec<Vec3> =
-            members.iter().flat_map(|&g| outfit.garments[g].points.iter().copied()).collect();
+            members.iter().flat_map(|&g| proxies[g].garment().points.iter().copied()).collect();
         let gap = found.prepared.gap_near(&points);
         for g in members {
-            let garment = &outfit.garments[g];
+            let garment = proxies[g].garment();
             let carried =
                 found.prepared.carry(device, &garment.points).map_err(|e| e.within(&garment.path))?;
             let info = found.prepared.info(&carried, &gap);

@@ -12,8 +12,10 @@ from typing import Any
 import numpy as np
 from pxr import Usd, UsdGeom, UsdSkel
 
+from . import native
 from .errors import BadInput
 from .model import Character, GarmentSource
+from .settings import Settings
 from .usd.character import character_under, skinned_meshes
 from .usd.garment import Bodies, read_garment
 from .usd.marks import is_garment
@@ -22,13 +24,16 @@ from .usd.stage import Source, open_stage
 
 
 def check(
-    file: str | os.PathLike[str], variants: Mapping[str, Mapping[str, str]] | None = None
+    file: str | os.PathLike[str],
+    variants: Mapping[str, Mapping[str, str]] | None = None,
+    settings: Settings | None = None,
 ) -> dict[str, Any]:
     """Reads and validates a stage: an outfit, a character or both.
 
     Returns:
         ``ok`` (False if a problem is an error), ``file``, ``up_axis``, ``meters_per_unit``,
-        ``bodies``, ``skeletons``, ``garments`` (with ``panels`` and ``seams``) and ``problems``,
+        ``bodies``, ``skeletons``, ``garments`` (with ``panels``, ``seams`` and, under ``proxy``,
+        which panels a fit with these settings would not simulate) and ``problems``,
         each with ``severity`` (``error`` or ``warning``), ``file``, ``prim``, ``attribute``,
         ``element`` and ``message``. Plain data, ready for JSON; lengths in metres.
     """
@@ -51,7 +56,7 @@ def check(
     report["meters_per_unit"] = source.frame.meters_per_unit
     errors = _Errors()
     report["skeletons"] = _skeletons(source)
-    report["garments"] = _garments(source, errors)
+    report["garments"] = _garments(source, errors, (settings or Settings()).core_json())
     report["bodies"] = _bodies(source, errors)
     if not (report["bodies"] or report["garments"] or errors.found):
         errors.found.append(BadInput("there is neither a body nor a garment", file=source.file))
@@ -86,7 +91,7 @@ def _skeletons(source: Source) -> list[dict[str, Any]]:
     return found
 
 
-def _garments(source: Source, errors: _Errors) -> list[dict[str, Any]]:
+def _garments(source: Source, errors: _Errors, settings: str) -> list[dict[str, Any]]:
     bodies = Bodies(source, None)
     found = []
     for prim in [p for p in source.prims() if is_garment(p)]:
@@ -95,8 +100,19 @@ def _garments(source: Source, errors: _Errors) -> list[dict[str, Any]]:
         garment = errors.attempt(read_garment, source, prim, points)
         if garment is not None:
             path = None if body is None else bodies.found[body].path
-            found.append(_garment(prim, garment, path))
+            proxy = errors.attempt(_proxy, source, garment, settings)
+            found.append({**_garment(prim, garment, path), "proxy": proxy})
     return found
+
+
+def _proxy(source: Source, garment: GarmentSource, settings: str) -> dict[str, Any]:
+    try:
+        info = native.proxy_info(garment, settings)
+    except BadInput as error:
+        raise type(error)(
+            error.message.removeprefix(f"{garment.path}: "), file=source.file, prim=garment.path
+        ) from None
+    return {key: info[key] for key in ("left_out", "shell_after_all")}
 
 
 def _garment(prim: Usd.Prim, garment: GarmentSource, body: str | None) -> dict[str, Any]:

@@ -114,12 +114,15 @@ def fit(
 
 @app.command()
 def check(
-    stage: Annotated[str, typer.Argument(help="Outfit, character, or both.")], as_json: Json = False
+    stage: Annotated[str, typer.Argument(help="Outfit, character, or both.")],
+    settings: Annotated[str | None, typer.Option(help="Settings, a TOML file.")] = None,
+    as_json: Json = False,
 ) -> None:
     """Read and validate a stage, and say what it holds and what is wrong with it."""
     from .check import check as check_stage
+    from .settings import load
 
-    found = check_stage(stage)
+    found = check_stage(stage, settings=None if settings is None else load(settings))
     if as_json:
         _print_json(found)
     else:

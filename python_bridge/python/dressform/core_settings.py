@@ -21,6 +21,51 @@ class CoreModel(BaseModel):
     model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
 
 
+class ProxySettings(CoreModel):
+    """Settings of the proxies."""
+
+    #: Whether detail panels are left out of transfer and drape and bound back; without, every panel is
+    #: simulated.
+    enabled: bool = True
+    #: Labels of panels that are details. A pattern must match whole words of a label (of the panel's name
+    #: where it has no label), whatever the case; `*` and `?` stand for letters.
+    leave_out: list[str] = [
+        "pocket",
+        "strap",
+        "trim",
+        "patch",
+        "label",
+        "tag",
+        "badge",
+        "emblem",
+        "logo",
+        "applique",
+        "button",
+        "snap",
+        "rivet",
+        "buckle",
+        "zip",
+        "zipper",
+        "belt loop",
+        "epaulette",
+        "braid",
+        "ribbon",
+        "piping",
+        "tape",
+        "reflector",
+        "reflective",
+    ]
+    #: Labels of panels that are simulated whatever else speaks against it.
+    keep: list[str] = []
+    #: Whether a panel that lies within `thickness` of others, and is sewn onto a larger one, is a detail
+    #: whatever its label.
+    automatic: bool = True
+    #: Farthest that a panel may lie from others to be a detail without a label [m].
+    thickness: Number = 0.005
+    #: Farthest that a vertex of a detail may be from the proxy [m]; beyond it is an error.
+    reach: Number = 0.03
+
+
 class TransferSettings(CoreModel):
     """Settings of the transfer."""
 
@@ -168,6 +213,10 @@ class ThresholdsSettings(CoreModel):
     weight_sum_error_max: Number = 1e-05
     #: Difference of a weight across a seam.
     seam_weight_error_max: Number = 1e-06
+    #: Vertices of details on the wrong side of the proxy that they are bound to.
+    details_inside: Count = 0
+    #: Change of the distance between a detail's vertex and the proxy, relative to itself.
+    detail_offset_change: Number = 0.1
     #: Whether the transfer must have converged.
     transfer_converged: bool = True
     #: Whether every step of the drape must have converged.
@@ -177,6 +226,8 @@ class ThresholdsSettings(CoreModel):
 class CoreSettings(CoreModel):
     """Every setting of every stage."""
 
+    #: Detail panels.
+    proxy: ProxySettings = ProxySettings()
     #: 3D transfer.
     transfer: TransferSettings = TransferSettings()
     #: Pattern refit.

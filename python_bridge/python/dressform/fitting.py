@@ -8,6 +8,8 @@ from collections.abc import Mapping
 from typing import Any
 
 from . import native
+from .errors import BadInput
+from .model import Outfit
 from .result import Result, from_report
 from .settings import Settings, parse
 
@@ -79,7 +81,10 @@ def fit(
     tell("read", 1.0)
 
     folder = os.fspath(cache or "") or os.environ.get(CACHE_VARIABLE) or None
-    fitted = native.fit_arrays(source, target, chosen.core_json(), device, tell, folder)
+    try:
+        fitted = native.fit_arrays(source, target, chosen.core_json(), device, tell, folder)
+    except BadInput as error:
+        raise _with_file(error, source) from None
     report = fitted.report
 
     before = time.perf_counter()
@@ -103,3 +108,12 @@ def fit(
         seconds=seconds,
         notes=[*source.notes, *notes, *report["notes"], *more],
     )
+
+
+def _with_file(error: BadInput, outfit: Outfit) -> BadInput:
+    """The core's error with the file, which it does not know, if it is about a garment."""
+    for garment in outfit.garments:
+        lead = f"{garment.path}: "
+        if not error.file and error.message.startswith(lead):
+            return type(error)(error.message.removeprefix(lead), file=outfit.file, prim=garment.path)
+    return error

@@ -21,6 +21,8 @@ Indices = NDArray[np.uint32]
 
 #: Names of the core's fabric presets (``src/model/fabric.rs``).
 FABRIC_PRESETS = ("cotton", "silk", "wool", "denim", "leather", "jersey")
+#: Roles of a panel (``src/model/garment.rs``).
+PANEL_ROLES = ("auto", "shell", "detail")
 #: Fields of the core's ``Fabric`` that a stage may give, all in SI units.
 FABRIC_FIELDS = (
     "density",
@@ -136,6 +138,8 @@ class Panel:
 
     name: str
     label: str = ""
+    #: What it is to the simulation: ``auto``, ``shell`` or ``detail`` (see the core's ``Role``).
+    role: str = "auto"
     fabric: Fabric = field(default_factory=Fabric)
     #: From +v to the warp, counter-clockwise [degrees]; ``corner_pattern`` is already turned.
     grain_angle: float = 0.0

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from typing import Any
 
 from . import _native
@@ -62,6 +62,17 @@ def record(value: Any) -> Any:
     if isinstance(value, list):
         return [record(v) for v in value]
     return value
+
+
+def proxy_info(garment: GarmentSource, settings_json: str = "{}") -> dict[str, Any]:
+    """Which panels a fit would leave out of its simulation and why, by the report's names.
+
+    Raises:
+        BadInput: no panel would be left, or a detail has no proxy near.
+    """
+    alone = replace(garment, body=0)  # which body it was made on does not matter here
+    info: dict[str, Any] = json.loads(_native.proxy_json(record(alone), settings_json))
+    return info
 
 
 def _dressed(garment: dict[str, Any]) -> DressedGarment:

@@ -107,6 +107,8 @@ def show_check(found: Mapping[str, Any]) -> None:
     for kind in ("bodies", "skeletons", "garments"):
         for entry in found[kind]:
             console.print(f"  {kind[:-1] if kind != 'bodies' else 'body'} {_entry(entry)}", markup=False)
+            for panel in (entry.get("proxy") or {}).get("left_out", []):
+                console.print(f"    not simulated: panel {panel['panel']}, {panel['why']}", markup=False)
     for problem in found["problems"]:
         color = "red" if problem["severity"] == "error" else "yellow"
         console.print(f"[{color}]{problem['severity']}:[/{color}]", end=" ")

@@ -62,6 +62,31 @@ class DrapeReport(_Report):
     at_rest: bool
 
 
+class LeftOutPanel(_Report):
+    """A panel that was not simulated."""
+
+    panel: str
+    label: str
+    why: str
+    vertices: int
+    distance_max_m: float = Field(description="farthest vertex from the proxy, on the source [m]")
+
+
+class ProxyReport(_Report):
+    """Which panels were left out of transfer and drape, and how they came back (paper section 6)."""
+
+    left_out: list[LeftOutPanel]
+    shell_after_all: list[str] = Field(
+        description="panels that a label calls details, but which the shell ends without"
+    )
+    bound_vertices: int
+    distance_max_m: float
+    offset_least: float = Field(description="least share of its distance that a bound vertex kept")
+    offset_most: float
+    inside: int = Field(description="bound vertices on the wrong side of the proxy")
+    squeezed: int = Field(description="bound vertices pressed together for want of room")
+
+
 class RigReport(_Report):
     """Where skin weights came from (paper section 7); fractions that sum to 1."""
 
@@ -98,6 +123,7 @@ class GarmentReport(_Report):
     triangles: int
     panels: int
     seams: int
+    proxy: ProxyReport
     transfer: TransferReport
     pattern: PatternReport
     drape: DrapeReport

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pxr import Usd, UsdGeom
 
-from ..model import Floats, Indices, MeshOrigin, Panel
+from ..model import PANEL_ROLES, Floats, Indices, MeshOrigin, Panel
 from .fabric import read_fabric
 from .graph import components, numbered
 from .marks import panel_subsets
@@ -44,7 +44,7 @@ def read_panels(
             source.note(message, prim)
         panel_of_triangle[loose] = len(panels) + islands
         fabric = read_fabric(source, prim)
-        panels += [Panel(f"island_{i}", "", fabric) for i in range(int(islands.max()) + 1)]
+        panels += [Panel(f"island_{i}", fabric=fabric) for i in range(int(islands.max()) + 1)]
     return panels, panel_of_triangle.astype(np.uint32)
 
 
@@ -98,9 +98,14 @@ def _panel(source: Source, prim: Usd.Prim) -> Panel:
     angle = prim.GetAttribute("garment:panel:grainAngle").Get()
     if angle is not None and not np.isfinite(angle):
         raise source.bad(f"the angle is {angle}", prim, "garment:panel:grainAngle")
+    role = str(prim.GetAttribute("garment:panel:role").Get() or "auto")
+    if role not in PANEL_ROLES:
+        message = f"the role is {role!r}; it must be one of {', '.join(PANEL_ROLES)}"
+        raise source.bad(message, prim, "garment:panel:role")
     return Panel(
         name=prim.GetName(),
         label="" if label is None else str(label),
+        role=role,
         fabric=read_fabric(source, prim),
         grain_angle=0.0 if angle is None else float(angle),
     )
