@@ -64,7 +64,7 @@ pub fn pipeline(error: pipeline::Error) -> PyErr {
     match error {
         pipeline::Error::Transfer(transfer::Error::Device(e)) => device(e),
         pipeline::Error::Drape { error: drape::Error::Device(e), .. } => device(e),
-        pipeline::Error::Proxy(e) => self::proxy(e),
+        pipeline::Error::Proxy(e) => proxy(e),
         pipeline::Error::Transfer(transfer::Error::Setting { .. })
         | pipeline::Error::Pattern { error: pattern::Error::Setting { .. }, .. }
         | pipeline::Error::Drape { error: drape::Error::Setting { .. }, .. } => {
