@@ -12,10 +12,12 @@ use super::membrane::{self, unpack_rest};
 use super::{GRAIN, bending, stretch};
 use crate::device::{Access, HostArgs, INDEX_WGSL, Kernel};
 
+const STRETCH_GATHER: &str = include_str!("stretch_gather.wgsl");
+
 /// `gradient = ` stretch's part, by node.
 pub static STRETCH_GRADIENT: Kernel = Kernel {
     name: "stretch_gradient",
-    wgsl: &[INDEX_WGSL, include_str!("stretch_gradient.wgsl")],
+    wgsl: &[INDEX_WGSL, STRETCH_GATHER, include_str!("stretch_gradient.wgsl")],
     access: &[Access::Read, Access::Read, Access::Read, Access::Read, Access::Write],
     host: stretch_gradient,
 };
@@ -31,7 +33,7 @@ pub static BEND_GRADIENT: Kernel = Kernel {
 /// `upper = ` stretch's part, by block.
 pub static STRETCH_BLOCKS: Kernel = Kernel {
     name: "stretch_blocks",
-    wgsl: &[INDEX_WGSL, include_str!("stretch_blocks.wgsl")],
+    wgsl: &[INDEX_WGSL, STRETCH_GATHER, include_str!("stretch_blocks.wgsl")],
     access: &[Access::Read, Access::Read, Access::Read, Access::Read, Access::Write],
     host: stretch_blocks,
 };
