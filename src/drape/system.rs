@@ -1,6 +1,7 @@
 //! The matrix of a Newton step: `H_elastic + M / h^2 + sum over stencils of w w^T (x) B`.
 
-use super::contact::stencil::{Stencil, Stencils};
+use super::contact::operator::Stencils;
+use super::contact::stencil::Stencil;
 use crate::device::{Buffer, Device, DeviceError};
 use crate::model::Vec3;
 use crate::solve::bsr::{BlockDiagonal, Bsr};

@@ -11,7 +11,7 @@
 //! garment, the side that they have to each other on the source body.
 //!
 //! Broad phase, narrow phase and collision detection run on the host in f64; potentials,
-//! their derivatives and the Hessian product run on the device ([`stencil`]).
+//! their derivatives and the Hessian product run on the device ([`operator`]).
 
 pub mod activation;
 pub mod ccd;
@@ -19,6 +19,7 @@ pub mod crossing;
 pub mod distance;
 pub mod fixed;
 pub mod narrow;
+pub mod operator;
 pub mod pairs;
 pub mod sheet;
 pub mod stencil;
@@ -34,7 +35,7 @@ use crate::device::Kernel;
 use crate::model::Vec3;
 
 /// All kernels of this module, for the tests that validate WGSL.
-pub const KERNELS: &[&Kernel] = stencil::KERNELS;
+pub const KERNELS: &[&Kernel] = operator::KERNELS;
 
 /// Pairs this much farther apart than their radius are found by the broad phase [m].
 const MARGIN: f64 = 6e-3;

@@ -1,4 +1,4 @@
-// Shared by the stencil kernels; twins in stencil.rs.
+// Shared by the stencil kernels; twins in operator.rs.
 struct Stencil {
     nodes: vec4<u32>,
     weights: vec4<f32>,

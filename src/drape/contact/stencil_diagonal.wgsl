@@ -1,4 +1,4 @@
-// Twin: stencil.rs, STENCIL_DIAGONAL. Inverse of each node's whole diagonal block.
+// Twin: operator.rs, STENCIL_DIAGONAL. Inverse of each node's whole diagonal block.
 @group(0) @binding(1) var<storage, read> start: array<u32>;
 @group(0) @binding(2) var<storage, read> items: array<u32>;
 @group(0) @binding(3) var<storage, read> weights: array<f32>;

@@ -1,4 +1,4 @@
-// Twin: stencil.rs, STENCIL_EVALUATE. Force vector and block of each stencil.
+// Twin: operator.rs, STENCIL_EVALUATE. Force vector and block of each stencil.
 @group(0) @binding(1) var<storage, read> stencils: array<Stencil>;
 @group(0) @binding(2) var<storage, read> moved: array<f32>;
 @group(0) @binding(3) var<storage, read_write> force: array<f32>;

@@ -1,4 +1,4 @@
-// Twin: stencil.rs, stencil_gather. y += mass inertia x + sum of w part, one node each.
+// Twin: operator.rs, stencil_gather. y += mass inertia x + sum of w part, one node each.
 @group(0) @binding(1) var<storage, read> start: array<u32>;
 @group(0) @binding(2) var<storage, read> items: array<u32>;
 @group(0) @binding(3) var<storage, read> weights: array<f32>;

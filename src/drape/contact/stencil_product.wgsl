@@ -1,4 +1,4 @@
-// Twin: stencil.rs, STENCIL_PRODUCT. part = B sum w x, one stencil each.
+// Twin: operator.rs, STENCIL_PRODUCT. part = B sum w x, one stencil each.
 @group(0) @binding(1) var<storage, read> stencils: array<Stencil>;
 @group(0) @binding(2) var<storage, read> block: array<f32>;
 @group(0) @binding(3) var<storage, read> x: array<f32>;
