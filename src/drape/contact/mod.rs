@@ -91,16 +91,15 @@ impl<'a> Contact<'a> {
         self.built_at = x.to_vec();
     }
 
-    /// How far every point may still move before the pairs are searched again [m].
-    fn budget(&self, x: &[Vec3]) -> f64 {
-        let moved = x.iter().zip(&self.built_at).map(|(x, b)| (x - b).norm()).fold(0.0, f64::max);
-        0.5 * MARGIN - moved
+    /// How far a point has moved at most since the pairs were found [m].
+    fn moved(&self, x: &[Vec3]) -> f64 {
+        x.iter().zip(&self.built_at).map(|(x, b)| (x - b).norm_squared()).fold(0.0, f64::max).sqrt()
     }
 
     /// Searches pairs again if less than half of the budget of moves is left; returns whether
     /// it did and the longest move that the pairs allow now [m].
     pub fn refresh(&mut self, x: &[Vec3]) -> (bool, f64) {
-        let left = self.budget(x);
+        let left = 0.5 * MARGIN - self.moved(x);
         if left > 0.25 * MARGIN {
             return (false, left);
         }
@@ -110,13 +109,22 @@ impl<'a> Contact<'a> {
 
     /// The contacts at `x`.
     pub fn contacts(&self, x: &[Vec3]) -> Contacts {
-        narrow::contacts(&self.scene, &self.pairs, &self.inside, x, self.stiffness)
+        narrow::contacts(&self.scene, &self.pairs, &self.inside, x, self.stiffness, self.moved(x))
+    }
+
+    /// The forces of clean pairs on the contact points that are `wanted` [N].
+    pub fn forces_on(&self, x: &[Vec3], wanted: &[bool]) -> Vec<(u32, Vec3)> {
+        narrow::forces_on(&self.scene, &self.pairs, x, self.stiffness, wanted)
     }
 
     /// The share of the move `dx` (at most 1) that no clean pair forbids.
     pub fn free_share(&self, x: &[Vec3], dx: &[Vec3], contacts: &Contacts) -> f64 {
+        let longest_of_all = dx.iter().map(Vec3::norm_squared).fold(0.0, f64::max).sqrt();
         let share = |(pair, &d): (&Pair, &f64)| {
             if !matches!(pair.mode, Mode::Clean) {
+                return 1.0;
+            }
+            if 2.0 * longest_of_all < 0.9 * d {
                 return 1.0;
             }
             let (corners, ids) = self.scene.corners(pair, x);

@@ -24,32 +24,40 @@ const CHUNK: usize = 1024;
 pub struct Contacts {
     /// Stencils within reach of their potentials.
     pub stencils: Vec<Stencil>,
-    /// Distance of each pair [m].
+    /// Distance of each pair [m]; a lower bound of it where that is beyond the pair's radius.
     pub distances: Vec<f64>,
 }
 
 /// Finds the contacts of `pairs` and of the points `inside` a collider, at `x`.
 ///
-/// `stiffness` is a pair's [N/m].
+/// `stiffness` is a pair's [N/m]; `moved` is how far a point may have moved since the pairs
+/// were found [m]: a pair that cannot have come near since is not looked at.
 pub fn contacts(
     scene: &Scene<'_>,
     pairs: &[Pair],
     inside: &[(u16, u32, f64)],
     x: &[Vec3],
     stiffness: f64,
+    moved: f64,
 ) -> Contacts {
     let parts: Vec<Contacts> = pairs
         .par_chunks(CHUNK)
         .map(|chunk| {
             let mut part = Contacts { stencils: Vec::new(), distances: Vec::with_capacity(chunk.len()) };
             for pair in chunk {
+                let least = pair.found_at - 2.0 * moved;
+                if least > pair.radius && matches!(pair.mode, Mode::Clean) {
+                    part.distances.push(least);
+                    continue;
+                }
                 let (corners, ids) = scene.corners(pair, x);
                 let weights = pair.role.shape().coefficients(&corners);
                 let gap = combine(&weights, &corners);
                 let d = gap.norm();
                 part.distances.push(d);
                 if d < pair.radius || matches!(pair.mode, Mode::Wrong { .. }) {
-                    resist(scene, pair, &corners, &ids, &weights, &gap, stiffness, &mut part.stencils);
+                    let of = (&scene.sheet.node[..], stiffness);
+                    resist(scene, pair, &corners, &ids, &weights, &gap, of, &mut part.stencils);
                 }
             }
             part
@@ -80,6 +88,38 @@ pub fn contacts(
     all
 }
 
+/// The forces of clean pairs on the contact points that are `wanted` [N].
+pub fn forces_on(
+    scene: &Scene<'_>,
+    pairs: &[Pair],
+    x: &[Vec3],
+    stiffness: f64,
+    wanted: &[bool],
+) -> Vec<(u32, Vec3)> {
+    let points: Vec<u32> = (0..x.len() as u32).collect();
+    let mut forces = Vec::new();
+    for pair in pairs.iter().filter(|pair| matches!(pair.mode, Mode::Clean)) {
+        let (corners, ids) = scene.corners(pair, x);
+        if !ids.iter().any(|&i| i != FIXED && wanted[i as usize]) {
+            continue;
+        }
+        let weights = pair.role.shape().coefficients(&corners);
+        let gap = combine(&weights, &corners);
+        if gap.norm() >= pair.radius {
+            continue;
+        }
+        let mut stencils = Vec::new();
+        resist(scene, pair, &corners, &ids, &weights, &gap, (&points, stiffness), &mut stencils);
+        for stencil in stencils {
+            let force = stencil.evaluate(&[]).1;
+            let parts = stencil.nodes.iter().zip(stencil.weights).filter(|(_, w)| *w != 0.0);
+            forces.extend(parts.filter(|(p, _)| wanted[**p as usize]).map(|(&p, w)| (p, -force * w)));
+        }
+    }
+    forces
+}
+
+/// `of` is the index that stencils get for each contact point, and a pair's stiffness.
 #[allow(clippy::too_many_arguments)] // one pair's working values
 fn resist(
     scene: &Scene<'_>,
@@ -88,7 +128,7 @@ fn resist(
     ids: &[u32; 4],
     weights: &[f64; 4],
     gap: &Vec3,
-    stiffness: f64,
+    (index, stiffness): (&[u32], f64),
     list: &mut Vec<Stencil>,
 ) {
     let d = gap.norm();
@@ -109,21 +149,21 @@ fn resist(
             return;
         }
     }
-    fill(scene, ids, weights, &mut stencil);
+    fill(index, ids, weights, &mut stencil);
     if pair.role.shape() == Shape::SegmentSegment && matches!(pair.mode, Mode::Clean) {
-        fade(scene, corners, ids, &mut stencil, list);
+        fade(index, corners, ids, &mut stencil, list);
     }
     list.push(stencil);
 }
 
 /// Sets nodes and weights; collider corners are left out, and corners on one node added up.
-fn fill(scene: &Scene<'_>, ids: &[u32; 4], weights: &[f64; 4], stencil: &mut Stencil) {
+fn fill(index: &[u32], ids: &[u32; 4], weights: &[f64; 4], stencil: &mut Stencil) {
     let mut count = 0;
     for k in 0..4 {
         if ids[k] == FIXED || weights[k] == 0.0 {
             continue;
         }
-        let node = scene.sheet.node[ids[k] as usize];
+        let node = index[ids[k] as usize];
         let slot = (0..count).find(|&j| stencil.nodes[j] == node).unwrap_or(count);
         count = count.max(slot + 1);
         stencil.nodes[slot] = node;
@@ -132,13 +172,7 @@ fn fill(scene: &Scene<'_>, ids: &[u32; 4], weights: &[f64; 4], stencil: &mut Ste
 }
 
 /// Fades a contact of near-parallel segments out, with the force that goes with it.
-fn fade(
-    scene: &Scene<'_>,
-    corners: &[Vec3; 4],
-    ids: &[u32; 4],
-    stencil: &mut Stencil,
-    list: &mut Vec<Stencil>,
-) {
+fn fade(index: &[u32], corners: &[Vec3; 4], ids: &[u32; 4], stencil: &mut Stencil, list: &mut Vec<Stencil>) {
     let (a, b) = (corners[1] - corners[0], corners[3] - corners[2]);
     let (aa, bb, ab) = (a.norm_squared(), b.norm_squared(), a.dot(&b));
     let cross = (aa * bb - ab * ab).max(0.0);
@@ -156,7 +190,7 @@ fn fade(
     for (force, w) in [(by_a, [-1.0, 1.0, 0.0, 0.0]), (by_b, [0.0, 0.0, -1.0, 1.0])] {
         let mut part = Stencil { kind: Kind::Force, nodes: [0; 4], weights: [0.0; 4], ..*stencil };
         (part.normal, part.stiffness) = (force, 1.0);
-        fill(scene, ids, &w, &mut part);
+        fill(index, ids, &w, &mut part);
         if part.weights.iter().any(|w| *w != 0.0) {
             list.push(part);
         }

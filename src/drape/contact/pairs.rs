@@ -69,6 +69,8 @@ pub struct Pair {
     pub b: u32,
     /// Distance at which it resists [m].
     pub radius: f64,
+    /// Distance where it was found [m].
+    pub found_at: f64,
     /// Treatment.
     pub mode: Mode,
 }
@@ -124,21 +126,24 @@ impl Scene<'_> {
         pairs
     }
 
-    fn distance(&self, pair: &Pair, x: &[Vec3]) -> f64 {
-        pair.role.shape().gap(&self.corners(pair, x).0).norm()
+    /// The pair, with its distance, if that is below `reach`.
+    fn within(&self, pair: Pair, x: &[Vec3], reach: f64) -> Option<Pair> {
+        let found_at = pair.role.shape().gap(&self.corners(&pair, x).0).norm();
+        (found_at < reach).then_some(Pair { found_at, ..pair })
     }
 
     fn on_collider(&self, c: usize, x: &[Vec3], radius: f64, reach: f64, tangles: &Tangles) -> Vec<Pair> {
         let (sheet, collider) = (&self.sheet, &self.colliders[c]);
         let (inside, crossed) = (&tangles.inside[c], &tangles.edges[c]);
         let wrong = Mode::Wrong { sign: 1.0 };
-        let pair = |role, a, b, mode| Pair { role, collider: c as u16, a, b, radius, mode };
-        let keep = |p: &Pair| self.distance(p, x) < reach;
+        let near = |role, a, b, mode| {
+            self.within(Pair { role, collider: c as u16, a, b, radius, found_at: 0.0, mode }, x, reach)
+        };
         let points = gather(x.len(), |v, list| {
             // A point inside has one spring of its own, see `narrow`.
             if !inside[v] {
                 collider.triangle_tree.query(&bounds(&[x[v]], reach), &mut |t| {
-                    list.extend(Some(pair(Role::OnCollider, v as u32, t, Mode::Clean)).filter(keep));
+                    list.extend(near(Role::OnCollider, v as u32, t, Mode::Clean));
                 });
             }
         });
@@ -148,7 +153,7 @@ impl Scene<'_> {
             let mode = if tangled { wrong } else { Mode::Clean };
             collider.point_tree.query(&bounds(&tri.map(|i| x[i as usize]), reach), &mut |p| {
                 if collider.used[p as usize] {
-                    list.extend(Some(pair(Role::UnderCloth, p, t as u32, mode)).filter(keep));
+                    list.extend(near(Role::UnderCloth, p, t as u32, mode));
                 }
             });
         });
@@ -157,7 +162,7 @@ impl Scene<'_> {
             let tangled = crossed[e] || ends.iter().any(|&p| inside[p as usize]);
             let mode = if tangled { wrong } else { Mode::Clean };
             collider.edge_tree.query(&bounds(&ends.map(|i| x[i as usize]), reach), &mut |f| {
-                list.extend(Some(pair(Role::EdgeCollider, e as u32, f, mode)).filter(keep));
+                list.extend(near(Role::EdgeCollider, e as u32, f, mode));
             });
         });
         [points, faces, edges].concat()
@@ -171,10 +176,8 @@ impl Scene<'_> {
         let faces_tree = BoxTree::new(sheet.triangles.iter().map(corners));
         let edges_tree = BoxTree::new(sheet.edges.ends.iter().map(ends));
         let make = |role, a, b| {
-            let mut pair = Pair { role, collider: 0, a, b, radius, mode: Mode::Clean };
-            if self.distance(&pair, x) >= reach {
-                return None;
-            }
+            let pair = Pair { role, collider: 0, a, b, radius, found_at: 0.0, mode: Mode::Clean };
+            let mut pair = self.within(pair, x, reach)?;
             let (source, _) = self.corners(&pair, &sheet.source);
             let gap = role.shape().gap(&source);
             pair.radius = radius.min(SOURCE_SHARE * gap.norm());
