@@ -378,6 +378,7 @@ fn drape_all(
             pattern: &proxies[g].gather(&patterns[g].0),
             colliders: solids,
             layers: &layers,
+            pinned: &[],
         };
         let count = order.len() as f64;
         let mut report = |part: f64, _: &str| progress("drape", (done as f64 + part) / count);

@@ -133,6 +133,8 @@ pub struct Input<'a> {
     pub colliders: &'a [&'a Surface],
     /// Finished lower garments, triangles facing outward.
     pub layers: &'a [&'a Surface],
+    /// Vertices that stay where they start.
+    pub pinned: &'a [u32],
 }
 
 /// What the drape achieved; keys of the report.
@@ -192,6 +194,9 @@ pub enum Error {
     /// A coordinate is not finite.
     #[error("{garment}: vertex {vertex} does not start at a finite place")]
     NotFinite { garment: String, vertex: usize },
+    /// A pinned vertex that is not there.
+    #[error("{garment}: vertex {vertex} is to be pinned, but there are {vertices}")]
+    Pinned { garment: String, vertex: u32, vertices: usize },
     /// A setting is out of its range.
     #[error("drape setting {name} is {value}; it must be {rule}")]
     Setting { name: &'static str, value: f64, rule: &'static str },
@@ -227,7 +232,7 @@ pub fn run_with_progress(
     progress: &mut dyn FnMut(f64, &str),
 ) -> Result<Output, Error> {
     check(input, params)?;
-    let mut simulation = simulation(device, input, params, &[])?;
+    let mut simulation = simulation(device, input, params)?;
     let mut info = Info { converged: true, ..Info::default() };
     let tangles = simulation.contact.tangles();
     info.inside_before = tangles.inside_count();
@@ -330,7 +335,6 @@ fn simulation<'a>(
     device: &'a Device,
     input: &'a Input<'a>,
     params: &'a Params,
-    pinned: &[u32],
 ) -> Result<Simulation<'a>, Error> {
     let garment = input.garment;
     let cloth = cloth::Cloth::new(garment, input.pattern, &params.cloth)?;
@@ -339,9 +343,10 @@ fn simulation<'a>(
     let mut is_pinned = vec![false; nodes];
     let friction = node_friction(&cloth);
     let area = cloth.areas.iter().sum::<f64>() / nodes.max(1) as f64;
-    for &p in pinned {
-        is_pinned[p as usize] = true;
-        masses[p as usize] = PINNED_MASS;
+    for &v in input.pinned {
+        let p = garment.groups.node_of_vertex[v as usize] as usize;
+        is_pinned[p] = true;
+        masses[p] = PINNED_MASS;
     }
     let solids = input.colliders.iter().map(|s| Fixed::new(s, true));
     let colliders: Vec<Fixed<'a>> = solids.chain(input.layers.iter().map(|s| Fixed::new(s, false))).collect();
@@ -383,6 +388,9 @@ fn check(input: &Input<'_>, params: &Params) -> Result<(), Error> {
         if found != expected {
             return Err(Error::Length { garment: garment(), what, found, expected });
         }
+    }
+    if let Some(&vertex) = input.pinned.iter().find(|&&v| v as usize >= expected) {
+        return Err(Error::Pinned { garment: garment(), vertex, vertices: expected });
     }
     if let Some(vertex) = input.points.iter().position(|p| !p.iter().all(|c| c.is_finite())) {
         return Err(Error::NotFinite { garment: garment(), vertex });

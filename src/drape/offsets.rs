@@ -6,8 +6,9 @@
 //! direction, and their product), re-measured after transfer with the component along the
 //! normal kept from the source: a pocket stays as thick as it was, wherever it lies.
 //!
-//! Within a step the offsets are fixed, between steps they turn; so the ring feels the force
-//! on an offset vertex, but not its torque.
+//! Within a step the offsets are fixed, between steps they turn. The force `f` on an offset
+//! vertex acts on its node; its torque `o x f` goes to the ring as the forces that do the
+//! same work in every motion of the frame, lagged by a step ([`Offsets::ring_forces`]).
 
 use nalgebra::Matrix3;
 
@@ -83,6 +84,43 @@ impl Offsets {
     }
 }
 
+impl Offsets {
+    /// Vertices with an offset.
+    pub fn offset_vertices(&self) -> impl Iterator<Item = usize> {
+        self.list.iter().map(|offset| offset.vertex as usize)
+    }
+
+    /// Adds to `out`, by node, what the forces `force_of_vertex` [N] do to the rings by the
+    /// torque of their offsets, where the nodes are `x`.
+    pub fn ring_forces(&self, x: &[Vec3], force_of_vertex: &[Vec3], out: &mut [Vec3]) {
+        let node = |v: u32| self.node_of_vertex[v as usize] as usize;
+        for offset in &self.list {
+            let ring = &self.rings[&offset.anchor];
+            let (normal, warp) = sums(ring, |v| x[node(v)]);
+            let (Some(n), size) = (normal.try_normalize(0.0), normal.norm()) else { continue };
+            let flat = warp - n * n.dot(&warp);
+            let (Some(w), length) = (flat.try_normalize(0.0), flat.norm()) else { continue };
+            let across = n.cross(&w);
+            let arm = Matrix3::from_columns(&[w, across, n]) * offset.local;
+            let torque = arm.cross(&force_of_vertex[offset.vertex as usize]);
+            // Work on the frame's rotation, in terms of the changes of `normal` and `warp`.
+            let spin = torque.dot(&n) / length;
+            let by_unit = torque.cross(&n) - across * (spin * n.dot(&warp));
+            let by_normal = (by_unit - n * n.dot(&by_unit)) / size;
+            let by_warp = across * spin;
+            for Ring { triangle, warp } in ring {
+                let [a, b, c] = triangle.map(node);
+                let (e0, e1) = (x[b] - x[a], x[c] - x[a]);
+                let f0 = e1.cross(&by_normal) + by_warp * warp.x;
+                let f1 = by_normal.cross(&e0) + by_warp * warp.y;
+                out[a] -= f0 + f1;
+                out[b] += f0;
+                out[c] += f1;
+            }
+        }
+    }
+}
+
 type Rings = std::collections::BTreeMap<u32, Vec<Ring>>;
 
 fn rings(garment: &Garment, pattern: &[Vec2], anchors: &std::collections::BTreeSet<u32>) -> Rings {
@@ -103,17 +141,23 @@ fn rings(garment: &Garment, pattern: &[Vec2], anchors: &std::collections::BTreeS
 
 /// Warp direction, normal x warp, and normal of a one-ring, as columns.
 fn frame(ring: &[Ring], points: &[Vec3]) -> Matrix3<f64> {
-    let (mut normal, mut warp) = (Vec3::zeros(), Vec3::zeros());
-    for Ring { triangle, warp: w } in ring {
-        let [a, b, c] = triangle.map(|v| points[v as usize]);
-        normal += (b - a).cross(&(c - a));
-        warp += (b - a) * w.x + (c - a) * w.y;
-    }
+    let (normal, warp) = sums(ring, |v| points[v as usize]);
     let normal = normal.try_normalize(0.0).unwrap_or_else(Vec3::z);
     let warp = (warp - normal * normal.dot(&warp))
         .try_normalize(0.0)
         .unwrap_or_else(|| normal.cross(&Vec3::ith(normal.iamin(), 1.0)).normalize());
     Matrix3::from_columns(&[warp, normal.cross(&warp), normal])
+}
+
+/// A ring's sums of area normals and of scaled warp vectors.
+fn sums(ring: &[Ring], point: impl Fn(u32) -> Vec3) -> (Vec3, Vec3) {
+    let (mut normal, mut warp) = (Vec3::zeros(), Vec3::zeros());
+    for Ring { triangle, warp: w } in ring {
+        let [a, b, c] = triangle.map(&point);
+        normal += (b - a).cross(&(c - a));
+        warp += (b - a) * w.x + (c - a) * w.y;
+    }
+    (normal, warp)
 }
 
 #[cfg(test)]
@@ -158,5 +202,31 @@ mod tests {
         let anchor = garment.groups.anchor_of_node[garment.groups.node_of_vertex[v] as usize] as usize;
         let found = offsets.vertices(&garment.groups.node_points(&turned))[v] - turned[anchor];
         assert!((found - turn * Vec3::new(0.0, 0.0, 0.1)).norm() < 1e-12, "{found}");
+    }
+
+    #[test]
+    fn ring_forces_do_the_work_of_the_offset_vertices() {
+        let garment = patched();
+        let mut offsets = Offsets::new(&garment, &garment.points, &garment.pattern);
+        let mut noise = crate::drape::elastic::tests::Noise(9);
+        let nodes: Vec<Vec3> =
+            garment.groups.node_points(&garment.points).iter().map(|p| p + noise.vec3(0.2)).collect();
+        let force: Vec<Vec3> = (0..7).map(|_| noise.vec3(1.0)).collect();
+        let mut found = vec![Vec3::zeros(); nodes.len()];
+        offsets.ring_forces(&nodes, &force, &mut found);
+        let mut work = |x: &[Vec3]| {
+            offsets.turn(x);
+            offsets.vectors().iter().zip(&force).map(|(o, f)| o.dot(f)).sum::<f64>()
+        };
+        for k in 0..3 * nodes.len() {
+            let mut at = |by: f64| {
+                let mut x = nodes.clone();
+                x[k / 3][k % 3] += by;
+                work(&x)
+            };
+            let expected = (at(1e-6) - at(-1e-6)) / 2e-6;
+            assert!((found[k / 3][k % 3] - expected).abs() < 1e-7, "{k}: {expected} {found:?}");
+        }
+        assert!(found.iter().any(|f| f.norm() > 1e-3));
     }
 }

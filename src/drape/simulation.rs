@@ -73,6 +73,8 @@ pub struct Simulation<'a> {
     lagged: Vec<Stencil>,
     /// Displacements in the last step [m].
     moved: Vec<Vec3>,
+    /// Forces of seam offsets on the rings that carry them, as of the last step [N].
+    ring_forces: Vec<Vec3>,
 }
 
 /// What a step minimises over.
@@ -190,6 +192,7 @@ impl<'a> Simulation<'a> {
             v: vec![Vec3::zeros(); nodes],
             lagged: Vec::new(),
             moved: vec![Vec3::zeros(); nodes],
+            ring_forces: vec![Vec3::zeros(); nodes],
         })
     }
 
@@ -220,8 +223,7 @@ impl<'a> Simulation<'a> {
             friction: self.lagged.clone(),
         };
         let here = self.evaluate(&self.x, &still);
-        let net: Vec<Vec3> =
-            here.gradient.iter().zip(&self.masses).map(|(g, m)| g - self.gravity * *m).collect();
+        let net: Vec<Vec3> = (0..self.x.len()).map(|i| here.gradient[i] - self.outer_force(i)).collect();
         self.residual(&net)
     }
 
@@ -237,16 +239,15 @@ impl<'a> Simulation<'a> {
         }
         self.contact.refresh(&points);
         let contacts = self.contact.contacts(&points);
-        let target =
-            (0..self.x.len())
-                .map(|i| {
-                    if self.pinned[i] {
-                        self.x[i]
-                    } else {
-                        self.x[i] + self.v[i] * h + self.gravity * (h * h)
-                    }
-                })
-                .collect();
+        let target = (0..self.x.len())
+            .map(|i| {
+                if self.pinned[i] {
+                    self.x[i]
+                } else {
+                    self.x[i] + self.v[i] * h + self.outer_force(i) * (h * h / self.masses[i])
+                }
+            })
+            .collect();
         let friction = self.lag_friction(&contacts, h);
         let problem = Problem { start: self.x.clone(), target, inertia: 1.0 / (h * h), friction };
         let (x, info) = self.minimise(&problem, self.params.max_newton)?;
@@ -254,7 +255,35 @@ impl<'a> Simulation<'a> {
         self.v = self.moved.iter().map(|m| m * ((1.0 - damping) / h)).collect();
         self.x = x;
         self.lagged = problem.friction;
+        self.lag_torque();
         Ok(info)
+    }
+
+    /// Force on node `i` that does not depend on where the cloth is [N]: its weight, and what
+    /// seam offsets do to their rings.
+    fn outer_force(&self, i: usize) -> Vec3 {
+        self.gravity * self.masses[i] + self.ring_forces[i]
+    }
+
+    /// Hands the torque on seam offsets to their rings, from the forces at the step's end.
+    /// The mean of two steps, so that a light ring does not swing about the answer. Friction
+    /// on offset vertices has its force on the node, and no torque.
+    fn lag_torque(&mut self) {
+        if self.offsets.offset_vertices().next().is_none() {
+            return;
+        }
+        let vertices = self.offsets.vertices(&self.x);
+        let mut force: Vec<Vec3> = self.elastic.judge_by_vertex(&vertices).iter().map(|g| -g).collect();
+        let mut offset = vec![false; vertices.len()];
+        self.offsets.offset_vertices().for_each(|v| offset[v] = true);
+        let sheet = &self.contact.scene.sheet;
+        let wanted: Vec<bool> = sheet.vertex.iter().map(|&v| offset[v as usize]).collect();
+        for (point, f) in self.contact.forces_on(&self.points(), &wanted) {
+            force[sheet.vertex[point as usize] as usize] += f;
+        }
+        self.ring_forces.iter_mut().for_each(|f| *f *= 0.5);
+        force.iter_mut().for_each(|f| *f *= 0.5);
+        self.offsets.ring_forces(&self.x, &force, &mut self.ring_forces);
     }
 
     /// Finds what is tangled where the cloth is now.

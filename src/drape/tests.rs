@@ -1,5 +1,8 @@
 //! Closed forms and conserved quantities: fall, rest, friction, hanging, layers, tangles.
 
+mod elastica;
+mod statics;
+
 use super::*;
 use crate::geometry::intersect;
 use crate::model::{GarmentSource, Panel, TriMesh};
@@ -72,8 +75,18 @@ fn sphere(radius: f64, rings: u32) -> Surface {
     Surface::new(TriMesh { points, triangles })
 }
 
+/// The garment where its source has it.
+fn still<'a>(garment: &'a Garment, colliders: &'a [&'a Surface], layers: &'a [&'a Surface]) -> Input<'a> {
+    Input { garment, points: &garment.points, pattern: &garment.pattern, colliders, layers, pinned: &[] }
+}
+
+/// Vertices of the panel's row at `x` [m].
+fn row(garment: &Garment, x: f64) -> Vec<u32> {
+    (0..garment.points.len() as u32).filter(|&v| (garment.pattern[v as usize].x - x).abs() < 1e-9).collect()
+}
+
 fn drape(garment: &Garment, colliders: &[&Surface], layers: &[&Surface], params: &Params) -> Output {
-    let input = Input { garment, points: &garment.points, pattern: &garment.pattern, colliders, layers };
+    let input = still(garment, colliders, layers);
     run(&Device::cpu(), &input, params).unwrap()
 }
 
@@ -139,19 +152,10 @@ fn hangs_by_its_weight() {
     let (n, size) = (8, 0.4);
     let garment = patches(n, size, &[&|x, y| Vec3::new(y, 1.0 - x, 0.0)]);
     let params = Params { tolerance: 1e-3, cg_tolerance: 1e-3, ..Params::default() };
-    let input = Input {
-        garment: &garment,
-        points: &garment.points,
-        pattern: &garment.pattern,
-        colliders: &[],
-        layers: &[],
-    };
-    let top: Vec<u32> = (0..garment.points.len())
-        .filter(|&v| garment.pattern[v].x == 0.0)
-        .map(|v| garment.groups.node_of_vertex[v])
-        .collect();
+    let top = row(&garment, 0.0);
+    let input = Input { pinned: &top, ..still(&garment, &[], &[]) };
     let device = Device::cpu();
-    let mut simulation = simulation(&device, &input, &params, &top).unwrap();
+    let mut simulation = simulation(&device, &input, &params).unwrap();
     let mut info = Info { converged: true, ..Info::default() };
     for _ in 0..40 {
         advance(&mut simulation, 0.05, 0.5, &mut info, 0).unwrap();
@@ -216,13 +220,15 @@ fn bad_input_is_refused() {
     let mut points = garment.points.clone();
     let device = Device::cpu();
     let try_run = |points: &[Vec3], params: &Params| {
-        let input =
-            Input { garment: &garment, points, pattern: &garment.pattern, colliders: &[], layers: &[] };
+        let input = Input { points, ..still(&garment, &[], &[]) };
         run(&device, &input, params).unwrap_err()
     };
     assert!(matches!(try_run(&points[1..], &Params::default()), Error::Length { .. }));
     let params = Params { tolerance: f64::NAN, ..Params::default() };
     assert!(matches!(try_run(&points, &params), Error::Setting { name: "tolerance", .. }));
+    let pinned = Input { pinned: &[9], ..still(&garment, &[], &[]) };
+    let refused = run(&device, &pinned, &Params::default()).unwrap_err();
+    assert!(matches!(refused, Error::Pinned { vertex: 9, .. }));
     points[3].y = f64::INFINITY;
     assert!(matches!(try_run(&points, &Params::default()), Error::NotFinite { vertex: 3, .. }));
 }

@@ -18,11 +18,14 @@
 //! quadratic surface over the panel give back its curvature*. Row i of a matrix `B` holds the
 //! angle of hinge i for unit `K00`, `K11`, `K01`, and `W = B^-1`. On lattices this is
 //! Gingold's; the relaxed sheet comes to 0.96 to 1.05 (0.96 to 1.00 being the part of the
-//! borders). Two limits guard it, [`FIT_LARGEST`] and [`FIT_OVERSTATED`]. Past them, and
-//! where a hinge is missing at a border or seam, the angles are split by the heights `h`, `h'`
-//! of the two triangles over the edge, `phi_i h_i / (h_i + h_i')`, in place of halves, which
-//! keeps rows of different widths exact. Edges on a border or a seam contribute nothing: a
-//! strip is too soft by an amount of first order in the edge length. The energy of paper
+//! borders). Where a hinge is missing at a border or seam no moment passes, so the curvature
+//! is the one of least energy among those that have the angles of the hinges that are there,
+//! `W = K^-1 B^T (B K^-1 B^T)^-1` with `K` the diagonal of stiffnesses (which is `B^-1` when
+//! none is missing). Without that a strip would be too soft by an amount of first order in
+//! the edge length. Two limits guard it all, [`FIT_LARGEST`] and [`FIT_OVERSTATED`]. Past
+//! them the angles are split by the heights `h`, `h'` of the two triangles over the edge,
+//! `phi_i h_i / (h_i + h_i')`, in place of halves, which keeps rows of different widths
+//! exact. The energy of paper
 //! section 5.2,
 //!
 //! ```text
@@ -60,6 +63,9 @@ pub const FIT_LARGEST: f64 = 2.0;
 /// mesh of alternating diagonals, where it is 1.9 to 2 in all triangles, shows why there is a
 /// limit: fitted, it has bumpy modes that relax bending energies to 0.4 to 0.7 of their value.
 pub const FIT_OVERSTATED: f64 = 1.6;
+
+/// Share of the largest bending stiffness of a fabric that each counts as having.
+const LIMP: f64 = 1e-6;
 
 /// A bending element: a triangle with its up to three hinges, or a seam spring.
 #[derive(Clone, Debug)]
@@ -141,16 +147,31 @@ fn panel_weights(cloth: &Cloth, t: usize, hinges: &[u32; 3]) -> [[f64; 3]; 3] {
     }
     // How much splitting overstates a quadratic surface's curvature, in the worst direction.
     let overstated = (split * response).singular_values().max();
-    let fitted = response
-        .try_inverse()
-        .filter(|w| w.norm() <= FIT_LARGEST * split.norm() && overstated <= FIT_OVERSTATED);
-    let curvature = fitted.unwrap_or(split);
     let fabric = cloth.fabric(t);
     let stiffness = [fabric.bending_warp, fabric.bending_weft, fabric.bending_shear];
+    let fitted = least_curvature(&response, &stiffness)
+        .filter(|w| w.norm() <= FIT_LARGEST * split.norm() && overstated <= FIT_OVERSTATED);
+    let curvature = fitted.unwrap_or(split);
     std::array::from_fn(|row| {
         let root = (stiffness[row] * cloth.areas[t]).sqrt();
         std::array::from_fn(|i| root * curvature[(row, i)])
     })
+}
+
+/// The curvature of least energy for each radian of the hinges whose rows in `response` are
+/// not zero.
+fn least_curvature(response: &Matrix3<f64>, stiffness: &[f64; 3]) -> Option<Matrix3<f64>> {
+    // What does not resist at all is taken for nearly limp, so that there is a least.
+    let floor = LIMP * stiffness.iter().copied().fold(0.0, f64::max);
+    let compliance = Matrix3::from_diagonal(&Vector3::from_fn(|r, _| 1.0 / stiffness[r].max(floor)));
+    let lifted = compliance * response.transpose();
+    let mut gram = response * lifted;
+    for i in 0..3 {
+        if gram[(i, i)] == 0.0 {
+            gram[(i, i)] = 1.0; // no hinge: its column of `lifted` is zero
+        }
+    }
+    Some(lifted * gram.try_inverse()?).filter(|w| w.iter().all(|c| c.is_finite()))
 }
 
 /// The curvature (`S00`, `S11`, `S01`) of the triangle on `side` for each radian of a hinge

@@ -22,6 +22,9 @@ pub(super) struct Judge {
     pub hinge_nodes: Vec<[u32; 4]>,
     pub hinge_rest: Vec<HingeRest<f64>>,
     pub elements: Vec<BendElement>,
+    /// Vertices of each element's corners and far points, as its nodes are; [`NONE`] likewise.
+    element_vertices: Vec<[u32; 6]>,
+    node_of_vertex: Vec<u32>,
 }
 
 /// What a device needs of a reference.
@@ -45,6 +48,8 @@ impl Judge {
             hinges: cloth.hinges.clone(),
             hinge_nodes: cloth.hinges.iter().map(|h| element::hinge_nodes(cloth, h)).collect(),
             hinge_rest: cloth.hinges.iter().map(|h| element::hinge_rest(cloth, h)).collect(),
+            element_vertices: elements.iter().enumerate().map(|(e, b)| vertices(cloth, e, b)).collect(),
+            node_of_vertex: cloth.node_of_vertex.clone(),
             elements,
         }
     }
@@ -99,14 +104,27 @@ impl Judge {
     }
 
     pub fn judge(&self, points: &[Vec3]) -> (f64, Vec<Vec3>) {
-        let measured = self.measure(points);
         let mut gradient = vec![Vec3::zeros(); self.nodes];
-        for (t, nodes) in self.triangle_nodes.iter().enumerate() {
+        let energy = self.accumulate(points, |v, g| gradient[self.node_of_vertex[v as usize] as usize] += g);
+        (energy, gradient)
+    }
+
+    /// The gradient by vertex [N].
+    pub fn by_vertex(&self, points: &[Vec3]) -> Vec<Vec3> {
+        let mut gradient = vec![Vec3::zeros(); self.vertices];
+        self.accumulate(points, |v, g| gradient[v as usize] += g);
+        gradient
+    }
+
+    /// Calls `add` with every element's part of the gradient at a vertex; the energy.
+    fn accumulate(&self, points: &[Vec3], mut add: impl FnMut(u32, Vec3)) -> f64 {
+        let measured = self.measure(points);
+        for (t, vertices) in self.triangles.iter().enumerate() {
             let rest = &self.stretch[t];
             let s = stretch::stretch(&measured.stretch[t], [Vec3::zeros(); 2]);
             let [w, f] = stretch::gradient(rest, &s);
-            for (&node, [a, b]) in nodes.iter().zip(stretch::shapes(rest)) {
-                gradient[node as usize] += w * a + f * b;
+            for (&vertex, [a, b]) in vertices.iter().zip(stretch::shapes(rest)) {
+                add(vertex, w * a + f * b);
             }
         }
         let hinge_gradients: Vec<[Vec3; 4]> = measured
@@ -119,14 +137,28 @@ impl Judge {
         for (i, element) in self.elements.iter().enumerate() {
             let rows = element::amount_gradients(&element.hinges, &self.weights[i], |h| hinge_gradients[h]);
             let c = measured.amounts[i];
-            for (&node, row) in element.nodes.iter().zip(rows) {
-                if node != NONE {
-                    gradient[node as usize] += row[0] * c[0] + row[1] * c[1] + row[2] * c[2];
+            for (&vertex, row) in self.element_vertices[i].iter().zip(rows) {
+                if vertex != NONE {
+                    add(vertex, row[0] * c[0] + row[1] * c[1] + row[2] * c[2]);
                 }
             }
         }
-        (measured.energy, gradient)
+        measured.energy
     }
+}
+
+/// The vertices behind an element's nodes.
+fn vertices(cloth: &Cloth, element: usize, bend: &BendElement) -> [u32; 6] {
+    let hinge = |i: usize| &cloth.hinges[(bend.hinges[i] / 4) as usize];
+    let Some(&[a, b, c]) = cloth.triangles.get(element) else {
+        let Hinge { edge: [[x0, x1], _], opposite: [x2, x3], .. } = *hinge(0);
+        return [x2, x0, x1, x3, NONE, NONE];
+    };
+    let far = |i: usize| match bend.hinges[i] {
+        NONE => NONE,
+        h => hinge(i).opposite[1 - (h / 2 % 2) as usize],
+    };
+    [a, b, c, far(0), far(1), far(2)]
 }
 
 fn bend_energy(amounts: &[[f64; 3]]) -> f64 {

@@ -309,6 +309,14 @@ impl Elastic {
         self.judge.judge(points)
     }
 
+    /// The energy's gradient by vertex [N] at vertex positions [m], in `f64`.
+    ///
+    /// # Panics
+    /// If `points` has another length than the cloth has vertices.
+    pub fn judge_by_vertex(&self, points: &[Vec3]) -> Vec<Vec3> {
+        self.judge.by_vertex(points)
+    }
+
     /// The reference's energy, if `u` fits.
     fn ready(&self, u: &Buffer<f32>) -> Result<f64, Error> {
         if u.len() != self.gradient.len() {

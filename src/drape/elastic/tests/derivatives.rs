@@ -168,11 +168,16 @@ fn bend_takes_the_shorter_way_round() {
 fn states() -> Vec<(Cloth, Vec<Vec3>)> {
     let sheet = garment_of(&panel(4, 3, 0.02, Split::Irregular, 0.6), &Fabric::default(), flat);
     let seam = sewn(3, 0.02, 1.2);
+    let mut slivers = panel(4, 3, 0.02, Split::Irregular, 0.0);
+    slivers.0.iter_mut().for_each(|p| p.y *= 0.02);
+    let slivers = garment_of(&slivers, &Fabric::default(), flat);
     let mut states = Vec::new();
-    for garment in [sheet, seam] {
+    for garment in [sheet, seam, slivers] {
+        let rough_by = if states.len() == 8 { 0.02 } else { 1.0 };
         for (scale, rough) in [(1.0, 0.0), (1.0, 0.005), (1.6, 0.002), (0.5, 0.003)] {
             let mut noise = Noise(11);
-            let moved: Vec<Vec3> = (0..garment.groups.node_count).map(|_| noise.vec3(rough)).collect();
+            let moved: Vec<Vec3> =
+                (0..garment.groups.node_count).map(|_| noise.vec3(rough * rough_by)).collect();
             let points = (0..garment.points.len())
                 .map(|v| garment.points[v] * scale + moved[garment.groups.node_of_vertex[v] as usize])
                 .collect();
