@@ -348,6 +348,8 @@ fn check_body(outfit: &Outfit, garment: &Garment, character: &Character) -> Resu
 struct Draped {
     points: Vec<Vec3>,
     rest_offsets: Vec<Vec3>,
+    /// Vertices that follow the proxy.
+    bound: Vec<bool>,
     info: drape::Info,
     proxy: proxy::Info,
 }
@@ -387,10 +389,11 @@ fn drape_all(
             .map_err(|error| Error::Drape { garment: garment.path.clone(), error })?;
         let (points, proxy) = proxies[g].restore(&output.points, &[solids, &layers[..]].concat());
         // Details are where their bonds put them, which the proxy's account judges.
-        let bound = garment.groups.offsets(&points);
-        let rest_offsets = proxies[g].scatter(&output.rest_offsets, |v| bound[v]);
+        let now = garment.groups.offsets(&points);
+        let rest_offsets = proxies[g].scatter(&output.rest_offsets, |v| now[v]);
+        let bound = proxies[g].scatter(&vec![false; output.points.len()], |_| true);
         finished.push(Surface::new(garment.welded_mesh(&points)));
-        outputs[g] = Some(Draped { points, rest_offsets, info: output.info, proxy });
+        outputs[g] = Some(Draped { points, rest_offsets, bound, info: output.info, proxy });
     }
     progress("drape", 1.0);
     Ok(outputs.into_iter().map(|o| o.expect("every garment was draped")).collect())
@@ -411,6 +414,7 @@ fn certify(
             pattern: &patterns[g].0,
             skin: Some(&skins[g].0),
             offsets: Some(&draped[g].rest_offsets),
+            bound: Some(&draped[g].bound),
         })
         .collect();
     certificate::measure(&certificate::Input {

@@ -50,6 +50,9 @@ pub struct Dressed<'a> {
     /// transfer; else the source's counts. Offsets turn with the cloth: only lengths are
     /// compared.
     pub offsets: Option<&'a [Vec3]>,
+    /// Vertices that follow a proxy, if there are any: sewn on with an offset they have the
+    /// weights of a spot between vertices, so that only their welds are compared.
+    pub bound: Option<&'a [bool]>,
 }
 
 /// The figures of one garment.
@@ -108,7 +111,7 @@ pub fn measure(input: &Input<'_>) -> Vec<Certificate> {
             body_penetration_max_m: penetration(input.body, d.points),
             seam_gap_max_m: seam_gap(d),
             weight_sum_error_max: d.skin.map(weight_sum_error),
-            seam_weight_error_max: d.skin.map(|skin| seam_weight_error(d.garment, skin)),
+            seam_weight_error_max: d.skin.map(|skin| seam_weight_error(d, skin)),
             ..strains(d)
         })
         .collect()
@@ -212,16 +215,22 @@ fn weight_sum_error(skin: &Skin) -> f64 {
     points.map(|w| worst((w.iter().sum::<f64>() - 1.0).abs())).fold(0.0, f64::max)
 }
 
-/// Largest difference of any joint's weight between a vertex and the anchor of its node.
-fn seam_weight_error(garment: &Garment, skin: &Skin) -> f64 {
-    let groups = &garment.groups;
+/// Largest difference of any joint's weight between a vertex and the anchor of its node (the first
+/// of its weld where a vertex follows a proxy).
+fn seam_weight_error(d: &Dressed<'_>, skin: &Skin) -> f64 {
+    let groups = &d.garment.groups;
     let influences = |v: usize| (0..skin.influences).map(move |i| v * skin.influences + i);
     let weight = |v: usize, joint: u32| -> f64 {
         influences(v).filter(|&i| skin.joint_indices[i] == joint).map(|i| skin.joint_weights[i]).sum()
     };
     let mut error: f64 = 0.0;
+    let mut first_of_weld = vec![usize::MAX; groups.weld_count];
     for v in 0..groups.node_of_vertex.len() {
+        let first = &mut first_of_weld[groups.weld_of_vertex[v] as usize];
+        *first = (*first).min(v);
+        let is_bound = d.bound.is_some_and(|bound| bound[v]);
         let anchor = groups.anchor_of_node[groups.node_of_vertex[v] as usize] as usize;
+        let anchor = if is_bound { *first } else { anchor };
         for i in influences(v).chain(influences(anchor)).filter(|_| anchor != v) {
             let joint = skin.joint_indices[i];
             error = error.max(worst((weight(v, joint) - weight(anchor, joint)).abs()));

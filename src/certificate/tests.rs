@@ -58,7 +58,7 @@ fn push(source: &mut GarmentSource, panel: u32, triangles: &[[u32; 3]]) {
 
 fn dressed(garment: &Garment) -> Dressed<'_> {
     let (points, pattern) = (&garment.points, &garment.pattern);
-    Dressed { garment, points, pattern, skin: None, offsets: None }
+    Dressed { garment, points, pattern, skin: None, offsets: None, bound: None }
 }
 
 /// A box from `lo` to `hi`, closed, seen from outside.
@@ -78,7 +78,7 @@ fn rigid(garment: &Garment) -> Skin {
 
 fn one(garment: &Garment, points: &[Vec3], skin: Option<&Skin>, body: &Surface) -> Certificate {
     let pattern = &garment.pattern;
-    let dressed = Dressed { garment, points, pattern, skin, offsets: None };
+    let dressed = Dressed { garment, points, pattern, skin, offsets: None, bound: None };
     let input = Input { body, source_bodies: &[body], garments: &[dressed] };
     measure(&input).remove(0)
 }

@@ -10,7 +10,8 @@
 //!   rotation and stretch, and keep their distance and their side.
 //! - Which panels are details is said by the stage, by labels, and by geometry: what lies within
 //!   a thickness of others and is sewn onto a larger one is a detail whatever its label.
-//! - Where there is no room for a detail's thickness it is pressed together ([`squeeze`]).
+//! - Where a crease of the proxy comes through a detail the detail is raised over it ([`raise`]);
+//!   where there is no room for its thickness it is pressed together ([`squeeze`]).
 //! - A panel whose label names a detail, but which is sewn edge to edge to the shell and reaches
 //!   beyond it (the strap of a top), is no detail.
 //! - The refitted pattern includes the details: their panels are refitted to their bound shape,
@@ -25,6 +26,7 @@
 mod binding;
 mod label;
 mod part;
+mod raise;
 mod refit;
 mod select;
 mod squeeze;
@@ -136,6 +138,8 @@ pub struct Info {
     pub offset_most: f64,
     /// Bound vertices on the wrong side of the proxy.
     pub inside: usize,
+    /// Bound vertices that were raised over a crease.
+    pub raised: usize,
     /// Bound vertices that were pressed together for want of room.
     pub squeezed: usize,
 }
@@ -157,6 +161,7 @@ impl Default for Info {
             offset_least: 1.0,
             offset_most: 1.0,
             inside: 0,
+            raised: 0,
             squeezed: 0,
         }
     }
@@ -280,13 +285,15 @@ impl<'a> Proxy<'a> {
         split.assemble(points, &lifted)
     }
 
-    /// As [`Proxy::lift`], with details pressed together where `obstacles` or the proxy itself leave
+    /// As [`Proxy::lift`], with details raised over creases and pressed together where `obstacles` or the proxy itself leave
     /// no room; also says how well they kept their place.
     pub fn restore(&self, points: &[Vec3], obstacles: &[&Surface]) -> (Vec<Vec3>, Info) {
         let Some(split) = &self.split else { return (points.to_vec(), self.info.clone()) };
         let deformed = split.deformed(points);
         let mut lifted = split.lift(&deformed);
         let mut info = self.info.clone();
+        let raised = raise::run(split, self.whole, &deformed, points, &mut lifted);
+        info.raised = split.bond_of.iter().filter(|&&b| raised[b as usize]).count();
         let squeezed: Vec<Option<Vec3>> = split
             .bonds
             .par_iter()

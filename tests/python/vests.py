@@ -18,8 +18,9 @@ STRAP, BRACE = 4e-3, 8e-3
 WIDTH = 0.05
 #: Heights of the straps, as shares of the shell's, and how far aside the braces are [m].
 STRAPS, BRACE_X = (0.15, 0.4), 0.08
-#: Points across a strap, and the length of a strap's edge [m].
-ACROSS, EDGE = 5, 0.012
+#: Points across a strap and along half a round of it, and the length of a brace's edges [m]. Edges
+#: of 6 mm at 4 mm above the shell: none is cut by a crease of less than 106 degrees.
+ACROSS, COLUMNS, EDGE = 5, 80, 0.012
 
 
 #: Rounds of smoothing of the shell.
@@ -139,8 +140,8 @@ def make_vest(shirt: GarmentSource) -> GarmentSource:
         sides = []
         # From the wearer's right over the front to the left, and on over the back.
         for start, name in ((-np.pi, f"strap_front_{k}"), (0.0, f"strap_back_{k}")):
-            angle = start + np.linspace(0.0, np.pi, 48)
-            way = np.stack([np.cos(angle), np.zeros(48), -np.sin(angle)], 1)
+            angle = start + np.linspace(0.0, np.pi, COLUMNS)
+            way = np.stack([np.cos(angle), np.zeros(COLUMNS), -np.sin(angle)], 1)
             grid = np.array([[lifted(middle + h * UP, w, STRAP) for w in way] for h in y])
             sides.append(add_grid(mesh, name, grid, "long"))
         right, left = (np.stack([a, b], 1) for a, b in (

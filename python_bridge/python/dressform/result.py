@@ -84,6 +84,7 @@ class ProxyReport(_Report):
     offset_least: float = Field(description="least share of its distance that a bound vertex kept")
     offset_most: float
     inside: int = Field(description="bound vertices on the wrong side of the proxy")
+    raised: int = Field(description="bound vertices raised over a crease")
     squeezed: int = Field(description="bound vertices pressed together for want of room")
 
 
