@@ -163,7 +163,7 @@ def sample(
 def preview(
     stage: Annotated[str, typer.Argument(metavar="OUT", help="Dressed stage, or an outfit.")],
     out: Annotated[str, typer.Option("-o", "--out", help="Picture: .png; with --pattern also .svg, .pdf.")],
-    pattern: Annotated[bool, typer.Option("--pattern", help="Draw the panels, not the body.")] = False,
+    pattern: Annotated[bool, typer.Option("--pattern", help="Draw the panels, one file a garment.")] = False,
     garment: Annotated[
         list[str] | None, typer.Option(help="Only the garment of that name; repeatable.")
     ] = None,
@@ -172,7 +172,8 @@ def preview(
     """Draw contact sheets: by panel, strain and distance, from front, side and back."""
     from .preview.stage import draw_stage
 
-    print(draw_stage(stage, out, pattern=pattern, names=garment or [], close=close))
+    for path in draw_stage(stage, out, pattern=pattern, names=garment or [], close=close):
+        print(path)
 
 
 @app.command()

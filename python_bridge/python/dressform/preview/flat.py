@@ -2,62 +2,49 @@
 
 from __future__ import annotations
 
+import colorsys
 import os
-from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..errors import NotInstalled
 from ..model import Floats, GarmentSource
-from .scene import panel_color
+from . import sewing
 
 #: Space between panels [m].
-GAP = 0.04
-#: Width of the drawing [inches].
-PAGE_WIDTH = 12.0
-#: Room below a panel for its label [m].
-LABEL = 0.07
-BACKGROUND = "#faf9f6"
-INK = "#3a3a3a"
-#: 2D positions closer than this are one vertex of a panel [m].
-SAME = 1e-6
+GAP = 0.05
+#: Width of the drawing over its height that panels are packed for.
+ASPECT = 1.5
+#: Width of the drawing [inches], its margin, and the room for title and scale bar.
+PAGE_WIDTH = 13.0
+MARGIN = 0.35
+HEAD = 0.75
+FOOT = 0.6
+#: Length of the scale bar [m].
+BAR = 0.2
+BACKGROUND = "#ffffff"
+INK = "#2f3237"
+SOURCE = "#a3a6aa"
+FILL = "#f3ead9"
+FAINT = "#8a8d91"
 
 
 @dataclass
-class Outline:
-    """Border edges of a panel."""
+class _Piece:
+    """A panel on the page."""
 
-    #: Corner coordinates, u to the right and grain up [m], shape [e, 2, 2].
-    edges: Floats
-    #: The 3D points of each edge, smaller index first, shape [e, 2].
-    points: NDArray[np.int64]
-    #: Triangle corners that the edges start at: the same border in another pattern, shape [e, 2, 2].
-    corners: NDArray[np.int64]
-
-
-def outlines(garment: GarmentSource) -> list[Outline]:
-    """The border of each panel; a dart or a slit is a border too."""
-    flat = _uv(garment.corner_pattern)
-    found = []
-    for panel in range(len(garment.panels)):
-        triangles = np.flatnonzero(garment.panel_of_triangle == panel)
-        count: dict[Any, list[tuple[int, int, int]]] = defaultdict(list)
-        keys = np.round(flat[triangles] / SAME).astype(np.int64)
-        for t, key in zip(triangles, keys, strict=True):
-            for k in range(3):
-                a = (int(garment.triangles[t, k]), *map(int, key[k]))
-                b = (int(garment.triangles[t, (k + 1) % 3]), *map(int, key[(k + 1) % 3]))
-                count[min(a, b), max(a, b)].append((int(t), k, (k + 1) % 3))
-        border = [uses[0] for uses in count.values() if len(uses) == 1]
-        corners = np.array([[[t, a], [t, b]] for t, a, b in border], dtype=np.int64).reshape(-1, 2, 2)
-        points = np.sort(garment.triangles[corners[..., 0], corners[..., 1]].astype(np.int64), axis=1)
-        found.append(Outline(flat[corners[..., 0], corners[..., 1]], points, corners))
-    return found
+    label: str
+    #: Refitted and source triangles, u to the right and grain up [m], shape [t, 3, 2].
+    now: Floats
+    before: Floats | None
+    #: Where its lower left corner goes, and its size [m].
+    low: Floats
+    size: Floats
+    place: Floats
 
 
 def draw_patterns(
@@ -65,119 +52,163 @@ def draw_patterns(
     output: str | os.PathLike[str],
     *,
     sources: Sequence[GarmentSource] | None = None,
-) -> Path:
-    """Writes a drawing (SVG, PNG or PDF by the ending), true to scale between panels.
+) -> list[Path]:
+    """Writes a drawing (SVG, PNG or PDF by the ending) of each garment, true to scale.
+
+    The two sides of a seam share a colour. With several garments each file has the garment's
+    name at the end of its own.
 
     Args:
         garments: garments with the pattern to draw, filled.
         output: the file.
-        sources: the same garments with their source pattern, drawn as a dashed outline.
+        sources: the same garments with their source pattern, drawn as a grey outline.
 
     Raises:
         NotInstalled: matplotlib is missing.
     """
     try:
+        from matplotlib import rc_context
         from matplotlib.figure import Figure
     except ImportError as error:
         raise NotInstalled("previews need matplotlib: pip install 'dressform[preview]'") from error
-    figure = Figure(facecolor=BACKGROUND)
-    rows = figure.subplots(len(garments), 1, squeeze=False)[:, 0]
-    sizes = [_garment(rows[g], g, m, None if sources is None else sources[g]) for g, m in enumerate(garments)]
-    _fit_page(figure, list(rows), np.array(sizes))
     path = Path(output)
     path.parent.mkdir(parents=True, exist_ok=True)
     extra: dict[str, Any] = {"metadata": {"Date": None}} if path.suffix == ".svg" else {}
-    figure.savefig(path, dpi=110, facecolor=BACKGROUND, **extra)
-    return path
+    written = []
+    for g, garment in enumerate(garments):
+        name = path if len(garments) == 1 else path.with_name(f"{path.stem}-{garment.name}{path.suffix}")
+        # Without a salt of its own an SVG's identifiers differ from run to run.
+        with rc_context({"svg.hashsalt": "dressform", "font.family": "DejaVu Sans"}):
+            figure = Figure(facecolor=BACKGROUND)
+            _draw(figure, garment, None if sources is None else sources[g])
+            figure.savefig(name, dpi=120, facecolor=BACKGROUND, **extra)
+        written.append(name)
+    return written
 
 
-def _fit_page(figure: Any, rows: list[Any], sizes: Floats) -> None:
-    """One scale for all garments, and a page that is no larger than they need."""
-    title, margin = 0.35, 0.15  # inches
-    scale = (PAGE_WIDTH - 2 * margin) / sizes[:, 0].max()
-    heights = sizes[:, 1] * scale
-    page = float(heights.sum() + title * len(rows) + margin)
-    figure.set_size_inches(PAGE_WIDTH, page)
-    top = page
-    for axes, size, height in zip(rows, sizes, heights, strict=True):
-        top -= title + height
-        axes.set_position(
-            (margin / PAGE_WIDTH, top / page, size[0] * scale / PAGE_WIDTH, float(height) / page)
-        )
+def _draw(figure: Any, garment: GarmentSource, source: GarmentSource | None) -> None:
+    pieces, extent = _arrange(garment, source)
+    scale = (PAGE_WIDTH - 2 * MARGIN) / extent[0]  # inches for a metre
+    height = extent[1] * scale + HEAD + FOOT
+    figure.set_size_inches(PAGE_WIDTH, height)
+    axes = figure.add_axes((0, 0, 1, 1))
+    axes.set_xlim(-MARGIN / scale, (PAGE_WIDTH - MARGIN) / scale)
+    axes.set_ylim(-FOOT / scale, (height - FOOT) / scale)
+    axes.axis("off")
+
+    runs = sewing.borders(garment)
+    colors = _colors(1 + max((run.chain for run in runs), default=-1))
+    for p, piece in enumerate(pieces):
+        _panel(axes, piece, [run for run in runs if run.panel == p], garment, colors)
+    top = (height - FOOT) / scale
+    note = "as read" if source is None else "filled: refitted; grey outline: source"
+    axes.text(0, top - 0.28 / scale, garment.name, fontsize=15, color=INK, weight="bold", va="center")
+    seams = f"{note}; the two sides of a seam share a colour"
+    axes.text(0, top - 0.55 / scale, seams, fontsize=8.5, color=FAINT, va="center")
+    _scale_bar(axes, scale)
 
 
-def _garment(
-    axes: Any, index: int, garment: GarmentSource, source: GarmentSource | None
-) -> tuple[float, float]:
-    """Draws the panels in a row; returns width and height of the drawing [m]."""
+def _arrange(garment: GarmentSource, source: GarmentSource | None) -> tuple[list[_Piece], Floats]:
+    """Panels on shelves, tall ones first; and the size of the whole [m]."""
+    flat = _uv(garment.corner_pattern)
+    before = None if source is None else _uv(source.corner_pattern)
+    pieces = []
+    for p, panel in enumerate(garment.panels):
+        mine = garment.panel_of_triangle == p
+        now = flat[mine] - _middle(flat[mine])
+        old = None if before is None else before[mine] - _middle(before[mine])
+        both = now if old is None else np.concatenate([now, old])
+        low, high = both.min((0, 1)), both.max((0, 1))
+        pieces.append(_Piece(panel.label or panel.name, now, old, low, high - low, np.zeros(2)))
+    order = sorted(range(len(pieces)), key=lambda p: (-round(pieces[p].size[1], 2), p))
+    area = sum(float(np.prod(piece.size + GAP)) for piece in pieces)
+    width = max(float(np.sqrt(area * ASPECT)), *(float(piece.size[0]) for piece in pieces))
+    shelves: list[list[int]] = [[]]
+    for p in order:
+        used = sum(float(pieces[q].size[0]) + GAP for q in shelves[-1])
+        if shelves[-1] and used + pieces[p].size[0] > width:
+            shelves.append([])
+        shelves[-1].append(p)
+    extent = np.zeros(2)
+    for shelf in reversed(shelves):
+        left = 0.0
+        for p in shelf:
+            pieces[p].place = np.array([left, extent[1]])
+            left += float(pieces[p].size[0]) + GAP
+        tallest = max(float(pieces[p].size[1]) for p in shelf)
+        extent = np.array([max(extent[0], left - GAP), extent[1] + tallest + GAP])
+    return pieces, extent
+
+
+def _panel(
+    axes: Any, piece: _Piece, runs: list[sewing.Run], garment: GarmentSource, colors: list[Any]
+) -> None:
     from matplotlib.collections import LineCollection, PolyCollection
 
-    borders, flat = outlines(garment), _uv(garment.corner_pattern)
-    before = None if source is None else _uv(source.corner_pattern)
-    seams = _seam_colors(garment, borders)
-    left = 0.0
-    bottom, top = 0.0, 0.0
-    for p, (panel, border) in enumerate(zip(garment.panels, borders, strict=True)):
-        mine = np.flatnonzero(garment.panel_of_triangle == p)
-        middle = flat[mine].mean((0, 1))
-        shapes = [flat[mine] - middle]
-        if before is not None:
-            shapes.append(before[mine] - before[mine].mean((0, 1)))
-        low = np.min([s.min((0, 1)) for s in shapes], axis=0)
-        high = np.max([s.max((0, 1)) for s in shapes], axis=0)
-        shift = np.array([left - low[0], 0.0])
-        left += high[0] - low[0] + GAP
-        bottom, top = min(bottom, low[1]), max(top, high[1])
-        fill = panel_color(index, p, len(garment.panels))
-        axes.add_collection(PolyCollection(shapes[0] + shift, facecolors=[fill], alpha=0.35, linewidths=0))
-        if before is not None:
-            edges = before[border.corners[..., 0], border.corners[..., 1]]
-            edges = edges - before[mine].mean((0, 1)) + shift
-            dashed = LineCollection(list(edges), colors=INK, linewidths=0.6, linestyles=(0, (4, 2)), zorder=3)
-            axes.add_collection(dashed)
-        colors = [seams.get(tuple(e), INK) for e in border.points.tolist()]
-        axes.add_collection(
-            LineCollection(list(border.edges - middle + shift), colors=colors, linewidths=1.8)
-        )
-        axes.text(shift[0] + (low[0] + high[0]) / 2, low[1] - 0.015, panel.label or panel.name,
-                  ha="center", va="top", fontsize=7, color=INK)  # fmt: skip
-    note = "filled: refitted, dashed: source" if source is not None else "as read"
-    axes.set_title(f"{garment.name}   ({note}; seams in colour)", fontsize=9, color=INK, loc="left")
-    axes.set_xlim(-GAP / 2, left - GAP / 2)
-    axes.set_ylim(bottom - LABEL, top + GAP / 4)
-    axes.axis("off")
-    return left, top - bottom + LABEL + GAP / 4
+    shift = piece.place - piece.low
+    mine = np.flatnonzero(garment.panel_of_triangle == runs[0].panel)
+    row = np.full(len(garment.triangles), -1)
+    row[mine] = np.arange(len(mine))
+
+    def lines(triangles: Floats) -> list[Floats]:
+        return [triangles[row[run.corners[:, 0]], run.corners[:, 1]] + shift for run in runs]
+
+    # Edges in the colour of the fill close the hairlines between triangles.
+    triangles = PolyCollection(list(piece.now + shift), facecolors=FILL, edgecolors=FILL, linewidths=0.4)
+    axes.add_collection(triangles)
+    if piece.before is not None:
+        outline = LineCollection(lines(piece.before), colors=SOURCE, linewidths=1.0, zorder=2)
+        axes.add_collection(outline)
+    tints = [INK if run.chain < 0 else colors[run.chain] for run in runs]
+    widths = [1.1 if run.chain < 0 else 2.6 for run in runs]
+    borders = LineCollection(
+        lines(piece.now), colors=tints, linewidths=widths, capstyle="round", joinstyle="round", zorder=3
+    )
+    axes.add_collection(borders)
+
+    # Centres of gravity lie together: see _arrange.
+    size = 100 * np.ptp(piece.now.reshape(-1, 2), axis=0)
+    text = f"{size[0]:.0f} × {size[1]:.0f} cm"
+    if piece.before is not None:
+        text += f"\narea {100 * (_area(piece.now) / _area(piece.before) - 1):+.0f} %"
+    x, y = shift
+    flat = size[1] < 10  # a waistband has no room for three lines
+    label = f"{piece.label}   {text.replace(chr(10), '   ')}" if flat else piece.label
+    axes.text(x, y + (0 if flat else 0.012), label, ha="center", va="center" if flat else "bottom",
+              fontsize=7.5, color=INK, zorder=4)  # fmt: skip
+    if not flat:
+        axes.text(x, y, text, ha="center", va="top", fontsize=6.5, color=FAINT, zorder=4, linespacing=1.4)
 
 
-def _seam_colors(garment: GarmentSource, borders: Sequence[Outline]) -> dict[tuple[int, int], Any]:
-    """A colour for each border edge that is sewn; both sides of a pair of panels share it."""
-    from matplotlib import colormaps
+def _scale_bar(axes: Any, scale: float) -> None:
+    y, tick = -0.3 / scale, 0.05 / scale
+    axes.plot([0, BAR], [y, y], color=INK, linewidth=1.4, solid_capstyle="butt")
+    for x in np.linspace(0, BAR, 5):
+        axes.plot([x, x], [y, y + tick], color=INK, linewidth=1.0)
+    axes.text(BAR + 0.08 / scale, y, f"{100 * BAR:.0f} cm", fontsize=8, color=INK, va="center")
 
-    partner: dict[int, int] = {}
-    for seam in garment.seams:
-        for a, b in seam.pairs.tolist():
-            partner.setdefault(a, b)
-            partner.setdefault(b, a)
-    panels_at: dict[int, set[int]] = defaultdict(set)
-    uses: dict[tuple[int, int], list[int]] = defaultdict(list)
-    for p, border in enumerate(borders):
-        for a, b in border.points.tolist():
-            uses[a, b].append(p)
-            panels_at[a].add(p)
-            panels_at[b].add(p)
-    palette = colormaps["tab20"](np.arange(20))
-    number: dict[tuple[int, ...], int] = {}
-    colors = {}
-    for (a, b), panels in uses.items():
-        if len(panels) == 1:
-            if a not in partner or b not in partner:
-                continue
-            other = panels_at[partner[a]] & panels_at[partner[b]]
-            pair = tuple(sorted({panels[0], *sorted(other)[:1]}))
-        else:
-            pair = tuple(sorted(panels))
-        colors[a, b] = palette[number.setdefault(pair, len(number)) % len(palette)]
-    return colors
+
+def _colors(count: int) -> list[Any]:
+    """Hues a golden angle apart, in three lightnesses."""
+    return [
+        colorsys.hls_to_rgb((0.58 + 0.381966 * k) % 1.0, (0.40, 0.52, 0.30)[k % 3], 0.75)
+        for k in range(count)
+    ]
+
+
+def _doubled(triangles: Floats) -> Floats:
+    e, f = triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]
+    return e[:, 0] * f[:, 1] - e[:, 1] * f[:, 0]
+
+
+def _area(triangles: Floats) -> float:
+    return float(np.abs(_doubled(triangles)).sum() / 2)
+
+
+def _middle(triangles: Floats) -> Floats:
+    """Centre of gravity of a panel."""
+    weights = np.abs(_doubled(triangles))
+    return np.asarray((triangles.mean(1) * weights[:, None]).sum(0) / weights.sum())
 
 
 def _uv(corner_pattern: Floats) -> Floats:

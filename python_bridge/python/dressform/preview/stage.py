@@ -24,7 +24,7 @@ def draw_stage(
     pattern: bool = False,
     names: Sequence[str] = (),
     close: bool = False,
-) -> Path:
+) -> list[Path]:
     """Draws an outfit or a dressed character.
 
     Args:
@@ -33,6 +33,9 @@ def draw_stage(
         pattern: draw panels flat; a refitted pattern over the source pattern.
         names: only these garments.
         close: frame the garments and not the body.
+
+    Returns:
+        The files: one, or with ``pattern`` one for each garment.
 
     Raises:
         BadInput: the stage cannot be read, or has no garment of that name.
@@ -44,7 +47,7 @@ def draw_stage(
         raise BadOutput(f"the name must end in one of {', '.join(suffixes)}", file=os.fspath(output))
     outfit = _read(stage, names)
     if not pattern:
-        return sheet(dressed(outfit), output, close=close)
+        return [sheet(dressed(outfit), output, close=close)]
     sources = None
     if any(g.pattern_origin and "garment:pattern" in g.pattern_origin.attribute for g in outfit.garments):
         sources = _read(stage, names, primvar="st").garments
