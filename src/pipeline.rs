@@ -22,6 +22,7 @@ use crate::pattern;
 use crate::proxy::{self, Proxy};
 use crate::rig;
 use crate::transfer::{self, Cache};
+use carry::CarriedGarment;
 pub use carry::FlowReport;
 
 /// Every setting of every stage.
@@ -234,7 +235,7 @@ pub fn fit(
     for (g, garment) in outfit.garments.iter().enumerate() {
         progress("pattern", g as f64 / outfit.garments.len() as f64);
         let refitted = proxies[g]
-            .refit(&transferred[g].0, &settings.pattern)
+            .refit(&transferred[g].fitted, &settings.pattern)
             .map_err(|error| Error::Pattern { garment: garment.path.clone(), error })?;
         patterns.push(refitted);
     }
@@ -282,7 +283,7 @@ pub fn fit(
             panels: garment.panels.len(),
             seams: garment.seams.len(),
             proxy: draped.proxy,
-            transfer: transferred.1,
+            transfer: transferred.info,
             pattern: pattern.1,
             drape: draped.info,
             rig: skin.1,
@@ -361,7 +362,7 @@ fn drape_all(
     outfit: &Outfit,
     proxies: &[Proxy<'_>],
     solids: &[&Surface],
-    transferred: &[(Vec<Vec3>, transfer::Info)],
+    transferred: &[CarriedGarment],
     patterns: &[(Vec<Vec2>, pattern::Info)],
     settings: &Settings,
     device: &Device,
@@ -376,7 +377,7 @@ fn drape_all(
         let layers: Vec<&Surface> = finished.iter().collect();
         let input = drape::Input {
             garment: proxies[g].garment(),
-            points: &transferred[g].0,
+            points: &transferred[g].points,
             pattern: &proxies[g].gather(&patterns[g].0),
             colliders: solids,
             layers: &layers,

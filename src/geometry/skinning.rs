@@ -157,7 +157,10 @@ fn motions(
 }
 
 /// The joints in an order in which every parent stands before its children.
-fn parents_first(skeleton: &Skeleton) -> Result<Vec<usize>, SkinningError> {
+///
+/// # Errors
+/// Parents that are no tree: [`SkinningError::Parent`].
+pub fn parents_first(skeleton: &Skeleton) -> Result<Vec<usize>, SkinningError> {
     let count = skeleton.parents.len();
     let mut children = vec![Vec::new(); count];
     let mut order = Vec::new();

@@ -65,7 +65,7 @@ fn excess(scale: f64) -> f64 {
 }
 
 /// The rotation nearest to `m`.
-fn nearest_rotation(m: &Matrix3<f64>) -> Matrix3<f64> {
+pub(super) fn nearest_rotation(m: &Matrix3<f64>) -> Matrix3<f64> {
     let svd = m.svd(true, true);
     let (Some(u), Some(v_t)) = (svd.u, svd.v_t) else {
         return Matrix3::identity();

@@ -35,6 +35,7 @@
 //! - The bias starts anew in every outer loop, so compression that was accepted before is
 //!   forgotten. The *composed* map's deformation gradient is therefore carried along with
 //!   each garment vertex, and its smallest determinant is reported.
+//! - A target in another pose than its source is unposed first ([`pose`]).
 //! - Only the body's outer skin is a boundary: eyes, teeth and tongue are left out.
 
 pub mod activity;
@@ -47,6 +48,7 @@ pub mod extension;
 pub mod field;
 pub mod gap;
 mod outer;
+pub mod pose;
 pub mod prepared;
 pub mod stencil;
 mod store;
@@ -103,6 +105,9 @@ pub struct Params {
     pub gap_accepted: f64,
     /// Skin within this distance of a garment counts for the garment's gap [m].
     pub near: f64,
+    /// A target whose limbs are turned against the source's by more than this is taken to the
+    /// source's pose first, and its garments are brought back [degrees]; 180 never does so.
+    pub unpose: f64,
 }
 
 impl Default for Params {
@@ -123,6 +128,7 @@ impl Default for Params {
             gap_p99: 1e-3,
             gap_accepted: 2e-3,
             near: 0.08,
+            unpose: 15.0,
         }
     }
 }
@@ -261,6 +267,9 @@ pub enum Error {
         /// The outer iteration, from 1.
         outer: usize,
     },
+    /// The target cannot be taken to its source's pose.
+    #[error(transparent)]
+    Pose(#[from] pose::PoseError),
     /// The device failed.
     #[error(transparent)]
     Device(#[from] DeviceError),
@@ -341,6 +350,10 @@ impl Params {
             if !(value > 0.0 && value.is_finite()) {
                 return Err(Error::Setting { name, value, expected: "must be positive" });
             }
+        }
+        if !(0.0..=180.0).contains(&self.unpose) {
+            let value = self.unpose;
+            return Err(Error::Setting { name: "unpose", value, expected: "between 0 and 180" });
         }
         if !(self.band >= 2.0 * self.cell && self.band.is_finite()) {
             return Err(Error::Setting { name: "band", value: self.band, expected: "at least two cells" });

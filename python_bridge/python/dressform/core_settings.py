@@ -101,6 +101,9 @@ class TransferSettings(CoreModel):
     gap_accepted: Number = 0.002
     #: Skin within this distance of a garment counts for the garment's gap [m].
     near: Number = 0.08
+    #: A target whose limbs are turned against the source's by more than this is taken to the source's pose
+    #: first, and its garments are brought back [degrees]; 180 never does so.
+    unpose: Number = 15.0
 
 
 class PatternSettings(CoreModel):
