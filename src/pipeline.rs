@@ -6,6 +6,7 @@
 //! lies there, details included, and the rig (7) gives them skin weights. The certificate
 //! measures the result with tests of its own.
 
+mod animate;
 mod carry;
 
 use std::time::Instant;
@@ -16,12 +17,14 @@ use thiserror::Error;
 use crate::certificate::{self, Certificate, Thresholds};
 use crate::device::{Device, DeviceInfo};
 use crate::drape;
+use crate::drape::hold::Band;
 use crate::geometry::{OuterSkin, Surface};
 use crate::model::{Character, Garment, Outfit, Skin, Vec2, Vec3};
 use crate::pattern;
 use crate::proxy::{self, Proxy};
 use crate::rig;
 use crate::transfer::{self, Cache};
+pub use animate::{Motion, Simulated, SimulatedGarment, SimulatedReport, simulate};
 use carry::CarriedGarment;
 pub use carry::FlowReport;
 
@@ -82,6 +85,8 @@ pub struct GarmentReport {
     pub pattern: pattern::Info,
     /// The draper's account.
     pub drape: drape::Info,
+    /// What held its bands, and how hard.
+    pub held: Vec<drape::hold::Held>,
     /// The rig's account.
     pub rig: rig::Info,
     /// Measured by tests of its own.
@@ -162,6 +167,16 @@ pub enum Error {
         body: usize,
         /// Source bodies there are.
         count: usize,
+    },
+    /// A frame of a motion has another number of points than the body.
+    #[error("frame {frame} of the body's motion has {found} points, the body {expected}")]
+    Motion {
+        /// The frame.
+        frame: usize,
+        /// As the frame has it.
+        found: usize,
+        /// As the body has it.
+        expected: usize,
     },
     /// A garment has no proxy.
     #[error(transparent)]
@@ -246,7 +261,12 @@ pub fn fit(
     let body = OuterSkin::new(&character.body);
     let colliders: Vec<Surface> = character.colliders.iter().map(|c| Surface::new(c.mesh.clone())).collect();
     let solids: Vec<&Surface> = std::iter::once(&body.surface).chain(&colliders).collect();
-    let draped = drape_all(outfit, &proxies, &solids, &transferred, &patterns, settings, device, progress)?;
+    let sources: Vec<OuterSkin> = outfit.bodies.iter().map(|b| OuterSkin::new(&b.body)).collect();
+    let held: Vec<Vec<Band>> = (proxies.iter().zip(&outfit.garments))
+        .map(|(p, g)| drape::hold::find(p.garment(), &sources[g.body].surface, &settings.drape.hold))
+        .collect();
+    let draped =
+        drape_all(outfit, &proxies, &solids, &transferred, &patterns, &held, settings, device, progress)?;
     seconds.drape = clock.elapsed().as_secs_f64();
 
     let clock = Instant::now();
@@ -263,7 +283,7 @@ pub fn fit(
 
     progress("certify", 0.0);
     let clock = Instant::now();
-    let certificates = certify(outfit, &body, &draped, &patterns, &skins);
+    let certificates = certify(outfit, &sources, &body, &draped, &patterns, &skins);
     seconds.certify = clock.elapsed().as_secs_f64();
     progress("certify", 1.0);
 
@@ -286,6 +306,7 @@ pub fn fit(
             transfer: transferred.info,
             pattern: pattern.1,
             drape: draped.info,
+            held: draped.held,
             rig: skin.1,
             certificate,
         };
@@ -352,6 +373,7 @@ struct Draped {
     /// Vertices that follow the proxy.
     bound: Vec<bool>,
     info: drape::Info,
+    held: Vec<drape::hold::Held>,
     proxy: proxy::Info,
 }
 
@@ -364,6 +386,7 @@ fn drape_all(
     solids: &[&Surface],
     transferred: &[CarriedGarment],
     patterns: &[(Vec<Vec2>, pattern::Info)],
+    held: &[Vec<Band>],
     settings: &Settings,
     device: &Device,
     progress: &mut Progress<'_>,
@@ -382,6 +405,7 @@ fn drape_all(
             colliders: solids,
             layers: &layers,
             pinned: &[],
+            held: &held[g],
         };
         let count = order.len() as f64;
         let mut report = |part: f64, _: &str| progress("drape", (done as f64 + part) / count);
@@ -394,7 +418,8 @@ fn drape_all(
         let rest_offsets = proxies[g].scatter(&output.rest_offsets, |v| now[v]);
         let bound = proxies[g].scatter(&vec![false; output.points.len()], |_| true);
         finished.push(Surface::new(garment.welded_mesh(&points)));
-        outputs[g] = Some(Draped { points, rest_offsets, bound, info: output.info, proxy });
+        outputs[g] =
+            Some(Draped { points, rest_offsets, bound, info: output.info, held: output.held, proxy });
     }
     progress("drape", 1.0);
     Ok(outputs.into_iter().map(|o| o.expect("every garment was draped")).collect())
@@ -402,12 +427,12 @@ fn drape_all(
 
 fn certify(
     outfit: &Outfit,
+    sources: &[OuterSkin],
     body: &OuterSkin,
     draped: &[Draped],
     patterns: &[(Vec<Vec2>, pattern::Info)],
     skins: &[(Skin, rig::Info)],
 ) -> Vec<Certificate> {
-    let sources: Vec<OuterSkin> = outfit.bodies.iter().map(|b| OuterSkin::new(&b.body)).collect();
     let garments: Vec<certificate::Dressed<'_>> = (0..outfit.garments.len())
         .map(|g| certificate::Dressed {
             garment: &outfit.garments[g],

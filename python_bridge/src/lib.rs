@@ -10,6 +10,7 @@ mod errors;
 mod fit;
 mod job;
 mod read;
+mod simulate;
 
 /// Rust core of dressform. Use the package `dressform`, not this module.
 #[pymodule]
@@ -25,6 +26,8 @@ mod _native {
 
     #[pymodule_export]
     use crate::fit::{default_settings_json, fit};
+    #[pymodule_export]
+    use crate::simulate::simulate;
 
     #[pymodule_init]
     fn init(module: &Bound<'_, PyModule>) -> PyResult<()> {

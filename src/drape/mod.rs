@@ -25,6 +25,8 @@
 pub mod cloth;
 pub mod contact;
 pub mod elastic;
+pub mod follow;
+pub mod hold;
 mod offsets;
 mod simulation;
 mod system;
@@ -93,6 +95,8 @@ pub struct Params {
     pub push_steps: usize,
     /// Rest shape of the cloth.
     pub cloth: cloth::Options,
+    /// Bands that are held.
+    pub hold: hold::Params,
 }
 
 impl Default for Params {
@@ -117,6 +121,7 @@ impl Default for Params {
             gravity: 9.81,
             push_steps: 24,
             cloth: cloth::Options::default(),
+            hold: hold::Params::default(),
         }
     }
 }
@@ -135,6 +140,8 @@ pub struct Input<'a> {
     pub layers: &'a [&'a Surface],
     /// Vertices that stay where they start.
     pub pinned: &'a [u32],
+    /// Bands that are held, see [`hold::find`].
+    pub held: &'a [hold::Band],
 }
 
 /// What the drape achieved; keys of the report.
@@ -182,6 +189,8 @@ pub struct Output {
     pub rest_offsets: Vec<Vec3>,
     /// What was achieved.
     pub info: Info,
+    /// What held the bands, and how hard.
+    pub held: Vec<hold::Held>,
 }
 
 /// Why a garment could not be draped.
@@ -275,6 +284,7 @@ pub fn run_with_progress(
     Ok(Output {
         points: simulation.offsets.vertices(&simulation.x),
         rest_offsets: simulation.offsets.vectors().to_vec(),
+        held: simulation.hold.report(&simulation.x),
         info,
     })
 }
@@ -357,6 +367,15 @@ fn simulation<'a>(
         radii,
         elastic: elastic::Elastic::new(device, &cloth)?,
         offsets: Offsets::new(garment, input.points, input.pattern),
+        hold: hold::ties::Hold::new(
+            garment,
+            input.points,
+            input.pattern,
+            input.held,
+            input.colliders,
+            params.body_distance,
+            &params.hold,
+        ),
         masses,
         friction,
         pinned: is_pinned,
@@ -415,12 +434,10 @@ fn check(input: &Input<'_>, params: &Params) -> Result<(), Error> {
             return Err(Error::Setting { name, value, rule: "between 0 and 1" });
         }
     }
-    if !(params.gravity.is_finite() && params.gravity >= 0.0) {
-        return Err(Error::Setting {
-            name: "gravity",
-            value: params.gravity,
-            rule: "finite and not negative",
-        });
+    for (name, value) in params.hold.numbers().into_iter().chain([("gravity", params.gravity)]) {
+        if !(value.is_finite() && value >= 0.0) {
+            return Err(Error::Setting { name, value, rule: "finite and not negative" });
+        }
     }
     Ok(())
 }

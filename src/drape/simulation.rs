@@ -14,6 +14,7 @@ use super::contact::narrow::Contacts;
 use super::contact::stencil::{Kind, Stencil};
 use super::contact::{Contact, pairs::Radii, pairs::Scene};
 use super::elastic::Elastic;
+use super::hold::ties::Hold;
 use super::offsets::Offsets;
 use super::system::System;
 use super::{Error, Params};
@@ -57,6 +58,7 @@ pub struct Simulation<'a> {
     rest: Buffer<f32>,
     pub(super) contact: Contact<'a>,
     pub(super) offsets: Offsets,
+    pub(super) hold: Hold,
     /// Node masses [kg].
     pub(super) masses: Vec<f64>,
     /// Friction coefficient of each node.
@@ -93,6 +95,7 @@ struct Here {
     energy: f64,
     gradient: Vec<Vec3>,
     contacts: Contacts,
+    held: Vec<Stencil>,
 }
 
 /// Changes of position and gradient in a step's last iterations, for the two loops of L-BFGS
@@ -163,6 +166,7 @@ pub(super) struct Parts<'a> {
     pub radii: Radii,
     pub elastic: Elastic,
     pub offsets: Offsets,
+    pub hold: Hold,
     pub masses: Vec<f64>,
     pub friction: Vec<f64>,
     pub pinned: Vec<bool>,
@@ -184,6 +188,7 @@ impl<'a> Simulation<'a> {
             elastic: parts.elastic,
             contact: Contact::new(parts.scene, parts.radii, parts.stiffness, &points),
             offsets: parts.offsets,
+            hold: parts.hold,
             masses: parts.masses,
             friction: parts.friction,
             pinned: parts.pinned,
@@ -232,6 +237,12 @@ impl<'a> Simulation<'a> {
     /// Where the minimisation does not reach its tolerance the step is still made, and the
     /// result says so.
     pub(super) fn step(&mut self, h: f64, damping: f64) -> Result<StepInfo, Error> {
+        self.step_from(&self.x.clone(), h, damping)
+    }
+
+    /// As [`Simulation::step`] for cloth that was at `before` at the step's start and that moving
+    /// colliders have carried to where it is: its inertia counts from `before`, slip from here.
+    pub(super) fn step_from(&mut self, before: &[Vec3], h: f64, damping: f64) -> Result<StepInfo, Error> {
         self.offsets.turn(&self.x);
         let points = self.points();
         if !self.contact.tangles().is_clean() {
@@ -244,7 +255,7 @@ impl<'a> Simulation<'a> {
                 if self.pinned[i] {
                     self.x[i]
                 } else {
-                    self.x[i] + self.v[i] * h + self.outer_force(i) * (h * h / self.masses[i])
+                    before[i] + self.v[i] * h + self.outer_force(i) * (h * h / self.masses[i])
                 }
             })
             .collect();
@@ -252,7 +263,7 @@ impl<'a> Simulation<'a> {
         let problem = Problem { start: self.x.clone(), target, inertia: 1.0 / (h * h), friction };
         let (x, info) = self.minimise(&problem, self.params.max_newton)?;
         self.moved = x.iter().zip(&self.x).map(|(x, s)| x - s).collect();
-        self.v = self.moved.iter().map(|m| m * ((1.0 - damping) / h)).collect();
+        self.v = x.iter().zip(before).map(|(x, b)| (x - b) * ((1.0 - damping) / h)).collect();
         self.x = x;
         self.lagged = problem.friction;
         self.lag_torque();
@@ -357,7 +368,7 @@ impl<'a> Simulation<'a> {
     ) -> Result<Vec<Vec3>, Error> {
         self.elastic.rebase(self.device, &here.vertices)?;
         self.elastic.linearise(self.device, &self.rest)?;
-        let stencils = [&here.contacts.stencils[..], &problem.friction[..]].concat();
+        let stencils = [&here.contacts.stencils[..], &here.held[..], &problem.friction[..]].concat();
         let cg = CgParams { tolerance: self.params.cg_tolerance, max_iterations: self.params.max_cg };
         let (gradient, weights) = history.before(here.gradient.clone());
         let (direction, solved) = self.system.direction(
@@ -409,14 +420,15 @@ impl<'a> Simulation<'a> {
             gradient[i] += d * m;
         }
         let contacts = self.contact.contacts(&points);
-        for stencil in contacts.stencils.iter().chain(&problem.friction) {
+        let held = self.hold.stencils(x);
+        for stencil in contacts.stencils.iter().chain(&held).chain(&problem.friction) {
             let (e, f) = stencil.evaluate(&moved);
             energy += e;
             for k in 0..4 {
                 gradient[stencil.nodes[k] as usize] += f * stencil.weights[k];
             }
         }
-        Here { vertices, points, moved, energy, gradient, contacts }
+        Here { vertices, points, moved, energy, gradient, contacts, held }
     }
 
     /// Largest force on a free node over the mean node weight.

@@ -9,7 +9,7 @@ use crate::model::{GarmentSource, Panel, TriMesh};
 
 /// Square patches of `n` by `n` cells and side `size` [m], one panel each, with `place`
 /// giving the corner positions of each patch.
-fn patches(n: usize, size: f64, places: &[&dyn Fn(f64, f64) -> Vec3]) -> Garment {
+pub(super) fn patches(n: usize, size: f64, places: &[&dyn Fn(f64, f64) -> Vec3]) -> Garment {
     let mut source = GarmentSource { name: "patch".into(), ..GarmentSource::default() };
     for (p, place) in places.iter().enumerate() {
         let first = source.mesh.points.len() as u32;
@@ -46,7 +46,7 @@ fn ground(slope: f64) -> Surface {
     Surface::new(TriMesh { points, triangles: vec![[0, 2, 1], [0, 3, 2]] })
 }
 
-fn sphere(radius: f64, rings: u32) -> Surface {
+pub(super) fn sphere(radius: f64, rings: u32) -> Surface {
     let sectors = 2 * rings;
     let mut points = vec![Vec3::y() * radius, -Vec3::y() * radius];
     for i in 1..rings {
@@ -77,7 +77,15 @@ fn sphere(radius: f64, rings: u32) -> Surface {
 
 /// The garment where its source has it.
 fn still<'a>(garment: &'a Garment, colliders: &'a [&'a Surface], layers: &'a [&'a Surface]) -> Input<'a> {
-    Input { garment, points: &garment.points, pattern: &garment.pattern, colliders, layers, pinned: &[] }
+    Input {
+        garment,
+        points: &garment.points,
+        pattern: &garment.pattern,
+        colliders,
+        layers,
+        pinned: &[],
+        held: &[],
+    }
 }
 
 /// Vertices of the panel's row at `x` [m].

@@ -24,7 +24,7 @@
 //! vector to the nearest *vertex* instead, which may be a centimetre aside.)
 
 mod binding;
-mod label;
+pub mod label;
 mod part;
 mod raise;
 mod refit;

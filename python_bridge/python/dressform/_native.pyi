@@ -3,6 +3,9 @@
 from collections.abc import Callable
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 version: str
 
 def devices() -> list[dict[str, Any]]: ...
@@ -18,4 +21,13 @@ def fit(
     device: str,
     progress: Callable[[str, float], None] | None = None,
     cache: str | None = None,
+) -> dict[str, Any]: ...
+def simulate(
+    outfit: dict[str, Any],
+    character: dict[str, Any],
+    body: NDArray[np.float64],
+    seconds_per_frame: float,
+    settings_json: str,
+    device: str,
+    progress: Callable[[str, float], None] | None = None,
 ) -> dict[str, Any]: ...

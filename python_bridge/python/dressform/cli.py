@@ -113,6 +113,40 @@ def fit(
 
 
 @app.command()
+def simulate(
+    dressed: Annotated[str, typer.Argument(metavar="DRESSED", help="What fit wrote, animated.")],
+    out: Annotated[str, typer.Option("-o", "--out", help="Layer to write over it (.usda or .usdc).")],
+    start: Annotated[float | None, typer.Option(help="First time code; the animation's by default.")] = None,
+    end: Annotated[float | None, typer.Option(help="Last time code.")] = None,
+    lead_in: Annotated[int, typer.Option(min=1, help="Frames from the bind pose to the first.")] = 24,
+    settings: Annotated[str | None, typer.Option(help="Settings, a TOML file.")] = None,
+    device: Device = "auto",
+    as_json: Json = False,
+    no_clobber: Annotated[bool, typer.Option("--no-clobber", help="Refuse to replace OUT.")] = False,
+) -> None:
+    """Simulate the garments of a dressed, animated character; write their points over time."""
+    from .settings import Settings, load
+    from .simulating import simulate as run_simulation
+
+    with report.Progress(quiet=as_json) as progress:
+        found = run_simulation(
+            dressed,
+            out,
+            start=start,
+            end=end,
+            lead_in=lead_in,
+            settings=Settings() if settings is None else load(settings),
+            device=device,
+            clobber=not no_clobber,
+            progress=progress,
+        )
+    if as_json:
+        _print_json(found)
+    else:
+        report.show_simulation(found)
+
+
+@app.command()
 def check(
     stage: Annotated[str, typer.Argument(help="Outfit, character, or both.")],
     settings: Annotated[str | None, typer.Option(help="Settings, a TOML file.")] = None,

@@ -137,6 +137,29 @@ class DrapeClothSettings(CoreModel):
     curved_panels: bool = False
 
 
+class DrapeHoldSettings(CoreModel):
+    """Settings of holding."""
+
+    #: When panels are held: `auto` where their band lies on the body on the source, `always` wherever a label
+    #: matches, `never`. "auto": Where their band lies on the body on the source. "always": Wherever a label
+    #: matches. "never": Nowhere.
+    when: Literal["auto", "always", "never"] = "auto"
+    #: Labels of panels that an elastic holds (matched as those of details are). A band that is no closed ring
+    #: is tethered instead.
+    elastic: list[str] = ["waistband", "cuff"]
+    #: Labels of panels that are tethered to their transferred place.
+    tether: list[str] = ["strap", "collar stand"]
+    #: Largest median distance to the source body of a band that lies on it [m]: a thickness or two above the
+    #: contact distance that the source was draped with.
+    reach: Number = 0.006
+    #: How far the elastic is stretched around the body's girth (a tenth: 0.1).
+    elastic_stretch: Number = 0.1
+    #: Tension of the elastic for each unit of stretch and each metre of the band's height [N/m].
+    elastic_stiffness: Number = 500.0
+    #: Stiffness of tethers for each unit of cloth area [N/m^3].
+    tether_stiffness: Number = 100000.0
+
+
 class DrapeSettings(CoreModel):
     """Settings of the drape."""
 
@@ -178,6 +201,8 @@ class DrapeSettings(CoreModel):
     push_steps: Count = 24
     #: Rest shape of the cloth.
     cloth: DrapeClothSettings = DrapeClothSettings()
+    #: Bands that are held.
+    hold: DrapeHoldSettings = DrapeHoldSettings()
 
 
 class RigSettings(CoreModel):

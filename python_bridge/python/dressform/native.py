@@ -7,8 +7,21 @@ from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from . import _native
-from .model import AuthoredSeam, Character, Collider, DressedGarment, Fabric, GarmentSource, Outfit, Panel
+from .model import (
+    AuthoredSeam,
+    Character,
+    Collider,
+    DressedGarment,
+    Fabric,
+    Floats,
+    GarmentSource,
+    Outfit,
+    Panel,
+)
 
 #: Called with the stage's name and the fraction of it that is done, 0 to 1.
 Progress = Callable[[str, float], None]
@@ -52,6 +65,43 @@ def fit_arrays(
     """
     answer = _native.fit(record(outfit), record(character), settings_json, device, progress, cache)
     return Fitted([_dressed(g) for g in answer["garments"]], json.loads(answer["report"]))
+
+
+def simulate_arrays(
+    outfit: Outfit,
+    character: Character,
+    body: Floats,
+    seconds_per_frame: float,
+    settings_json: str = "{}",
+    device: str = "auto",
+    progress: Progress | None = None,
+) -> tuple[list[NDArray[np.float32]], dict[str, Any]]:
+    """Simulates a dressed outfit on a body in motion: arrays in and out, no USD.
+
+    Args:
+        outfit: dressed garments on the body at the first frame, metres, Y up.
+        character: the character.
+        body: its points at every frame [m], shape [frames, points, 3].
+        seconds_per_frame: time from a frame to the next [s].
+        settings_json: settings that differ from the defaults, as JSON.
+        device: ``auto``, ``cpu``, ``gpu`` or a part of an adapter's name.
+        progress: called from this thread while the core runs.
+
+    Returns:
+        Each garment's points [m], shape [frames, points, 3], and the report.
+
+    Raises:
+        BadInput: arrays that do not fit together.
+        BadSettings: an unknown key or a wrong value.
+        NoDevice: no such device, or it failed.
+        InternalFault: a bug of the core.
+    """
+    body = np.ascontiguousarray(body, dtype=np.float64)
+    answer = _native.simulate(
+        record(outfit), record(character), body, seconds_per_frame, settings_json, device, progress
+    )
+    report = {"device": answer["device"], "garments": json.loads(answer["garments"])}
+    return answer["frames"], report
 
 
 def record(value: Any) -> Any:

@@ -97,6 +97,22 @@ def _row(garment: GarmentReport) -> list[str]:
     ]
 
 
+def show_simulation(found: Mapping[str, Any]) -> None:
+    """A summary of a simulation."""
+    console = Console(highlight=False, soft_wrap=True)
+    table = Table(box=None, pad_edge=False, header_style="bold")
+    for name in ("garment", "frames", "steps", "not converged", "blocked", "frames with crossings"):
+        table.add_column(name, justify="left" if name == "garment" else "right")
+    for garment in found["garments"]:
+        drape = garment["drape"]
+        keys = ("frames", "steps", "unconverged_steps", "blocked_steps")
+        table.add_row(garment["path"], *(str(drape[k]) for k in keys), str(garment["crossed_frames"]))
+    console.print(table)
+    for note in found["notes"]:
+        console.print(f"note: {note}", style="dim", markup=False)
+    console.print(f"written to {found['output']}", markup=False)
+
+
 def show_check(found: Mapping[str, Any]) -> None:
     """What a stage holds."""
     console = Console(highlight=False, soft_wrap=True)

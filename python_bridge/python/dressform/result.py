@@ -62,6 +62,18 @@ class DrapeReport(_Report):
     at_rest: bool
 
 
+class HeldBand(_Report):
+    """Panels that were held where they are worn."""
+
+    panels: list[str] = Field(description="labels (or names) of the panels, sewn to one another")
+    kind: str = Field(description="'elastic' or 'tether'")
+    source_distance_m: float = Field(description="median distance to the source body [m]")
+    force_n: float = Field(description="tension of an elastic, or the sum of a tether's forces [N]")
+    extension: float = Field(description="mean stretch of an elastic over its natural length")
+    moved_mean_m: float = Field(description="mean distance from the transferred place [m]")
+    moved_max_m: float
+
+
 class LeftOutPanel(_Report):
     """A panel that was not simulated."""
 
@@ -128,6 +140,7 @@ class GarmentReport(_Report):
     transfer: TransferReport
     pattern: PatternReport
     drape: DrapeReport
+    held: list[HeldBand] = Field(description="bands that were held during the drape; empty where none was")
     rig: RigReport
     certificate: Certificate
 

@@ -5,6 +5,7 @@
 //! sheet (a finished lower garment) has sides only away from its borders: at hems and necks
 //! contact is unsigned, so that nothing is pushed by a cap that is not there.
 
+use std::borrow::Cow;
 use std::collections::HashMap;
 
 use super::tree::{BoxTree, bounds};
@@ -66,7 +67,7 @@ pub struct Side {
 /// A collider with what contact asks of it.
 pub struct Fixed<'a> {
     /// The surface.
-    pub surface: &'a Surface,
+    pub surface: Cow<'a, Surface>,
     /// Whether it encloses a volume (a body) or is a sheet (a garment).
     pub solid: bool,
     /// Edges.
@@ -86,6 +87,16 @@ pub struct Fixed<'a> {
 impl<'a> Fixed<'a> {
     /// Prepares a collider.
     pub fn new(surface: &'a Surface, solid: bool) -> Fixed<'a> {
+        Fixed::of(Cow::Borrowed(surface), solid)
+    }
+
+    /// The collider with its points elsewhere.
+    pub fn moved(&self, points: Vec<Vec3>) -> Fixed<'a> {
+        let triangles = self.mesh().triangles.clone();
+        Fixed::of(Cow::Owned(Surface::new(TriMesh { points, triangles })), self.solid)
+    }
+
+    fn of(surface: Cow<'a, Surface>, solid: bool) -> Fixed<'a> {
         let mesh = surface.mesh();
         let edges = Edges::new(&mesh.triangles);
         let unit = |n: Vec3| n.try_normalize(0.0).unwrap_or_else(Vec3::zeros);
@@ -95,7 +106,6 @@ impl<'a> Fixed<'a> {
         edges.ends.iter().flatten().for_each(|&p| used[p as usize] = true);
         let point = |p: u32| mesh.points[p as usize];
         Fixed {
-            surface,
             solid,
             triangle_normals,
             used,
@@ -103,6 +113,7 @@ impl<'a> Fixed<'a> {
             edge_tree: BoxTree::new(edges.ends.iter().map(|e| bounds(&e.map(point), 0.0))),
             point_tree: BoxTree::new(mesh.points.iter().map(|p| (*p, *p))),
             edges,
+            surface,
         }
     }
 

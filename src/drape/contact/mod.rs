@@ -14,6 +14,7 @@
 //! their derivatives and the Hessian product run on the device ([`operator`]).
 
 pub mod activation;
+pub mod carried;
 pub mod ccd;
 pub mod crossing;
 pub mod distance;

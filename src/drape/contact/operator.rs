@@ -77,6 +77,23 @@ fn slopes(s: &Packed) -> (f32, f32) {
     (g + h * (d - c), h)
 }
 
+/// Force and block of a spring longer than its slack length; `pull` in WGSL.
+fn pull(s: &Packed) -> ([f32; 3], [f32; 6]) {
+    let n = s.normal;
+    let longer = (s.gap - s.radius).max(0.0);
+    let across = if s.gap > 0.0 { s.stiffness * longer / s.gap } else { s.stiffness };
+    let along = if longer > 0.0 || s.radius == 0.0 { s.stiffness - across } else { 0.0 };
+    let block = [
+        across + along * n[0] * n[0],
+        across + along * n[1] * n[1],
+        across + along * n[2] * n[2],
+        along * n[1] * n[2],
+        along * n[0] * n[2],
+        along * n[0] * n[1],
+    ];
+    (n.map(|c| s.stiffness * longer * c), block)
+}
+
 fn evaluate(s: &Packed, moved: &[[f32; 3]]) -> ([f32; 3], [f32; 6]) {
     let n = s.normal;
     let outer = |a: f32, t: [f32; 3]| {
@@ -84,6 +101,9 @@ fn evaluate(s: &Packed, moved: &[[f32; 3]]) -> ([f32; 3], [f32; 6]) {
     };
     if s.kind == Kind::Force as u32 {
         return (n.map(|c| s.stiffness * c), [0.0; 6]);
+    }
+    if s.kind == Kind::Tension as u32 {
+        return pull(s);
     }
     if s.kind != Kind::Friction as u32 {
         let (g, h) = slopes(s);

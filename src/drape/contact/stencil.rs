@@ -20,6 +20,8 @@ pub enum Kind {
     Friction = 2,
     /// A force `stiffness * normal` without stiffness.
     Force = 3,
+    /// A spring that pulls where it is longer than its slack length (holding).
+    Tension = 4,
 }
 
 /// A stencil on the host.
@@ -33,11 +35,11 @@ pub struct Stencil {
     pub weights: [f64; 4],
     /// Unit normal.
     pub normal: Vec3,
-    /// Gap [m] (contact).
+    /// Gap [m] (contact), length [m] (tension).
     pub gap: f64,
-    /// Radius [m] (contact), sticking distance [m] (friction).
+    /// Radius [m] (contact), sticking distance [m] (friction), slack length [m] (tension).
     pub radius: f64,
-    /// Stiffness [N/m] (contact), `mu` times normal force [N] (friction), force [N] (force).
+    /// Stiffness [N/m] (contact, tension), `mu` times normal force [N] (friction), force [N] (force).
     pub stiffness: f64,
 }
 
@@ -69,6 +71,10 @@ impl Stencil {
                 (self.stiffness * f0, slip * (self.stiffness * f1_over_y))
             }
             Kind::Force => (0.0, self.normal * self.stiffness),
+            Kind::Tension => {
+                let longer = (self.gap - self.radius).max(0.0);
+                (0.5 * self.stiffness * longer * longer, self.normal * (self.stiffness * longer))
+            }
         }
     }
 

@@ -6,7 +6,7 @@ struct Stencil {
     gap: f32,
     radius: f32,
     stiffness: f32,
-    kind: u32, // 0 barrier, 1 spring, 2 friction, 3 force
+    kind: u32, // 0 barrier, 1 spring, 2 friction, 3 force, 4 tension
     pad: u32,
 }
 

@@ -43,6 +43,15 @@ fn main(@builtin(global_invocation_id) gid: vec3<u32>, @builtin(num_workgroups) 
         return;
     }
     let n_off = vec3<f32>(n.y * n.z, n.x * n.z, n.x * n.y);
+    if s.kind == 4u {
+        let longer = max(s.gap - s.radius, 0.0);
+        var across = s.stiffness;
+        if s.gap > 0.0 { across = s.stiffness * longer / s.gap; }
+        var along = 0.0;
+        if longer > 0.0 || s.radius == 0.0 { along = s.stiffness - across; }
+        put(i, s.stiffness * longer * n, vec3<f32>(across) + along * n * n, along * n_off);
+        return;
+    }
     if s.kind != 2u {
         let e = slopes(s);
         put(i, e.x * n, e.y * n * n, e.y * n_off);

@@ -45,6 +45,24 @@ fn shooting_gives_eulers_beam_for_small_loads() {
     assert!((down / (1e-3 / 8.0) - 1.0).abs() < 1e-4);
 }
 
+/// Load and tip (along, down) by collocation: SciPy's `solve_bvp` on the same boundary-value
+/// problem with the tip's coordinates as third and fourth unknowns, tolerance 1e-10.
+const COLLOCATED: [(f64, f64, f64); 5] = [
+    (1.0, 0.9912463953, 0.1234714020),
+    (5.0, 0.8466571800, 0.4959050446),
+    (10.0, 0.6563537612, 0.7001997155),
+    (30.0, 0.3427636807, 0.8730924232),
+    (100.0, 0.1592233826, 0.9375239354),
+];
+
+#[test]
+fn shooting_agrees_with_collocation() {
+    for (load, along, down) in COLLOCATED {
+        let (x, y) = elastica(load);
+        assert!((x - along).hypot(y - down) < 1e-6, "{load}: {x} {y}");
+    }
+}
+
 /// Tip of a strip of `n` quads at the load, relative to its length: along and down.
 fn tip(n: usize, split: Split, turn: f64, load: f64) -> (f64, f64) {
     let length = 0.2;

@@ -1,0 +1,198 @@
+//! Cusick's drape test of the fabric presets.
+//!
+//! A disc of 15 cm radius is clamped between two discs of 9 cm and hangs down around them; the
+//! drape coefficient is the part of the ring that its shadow covers [Cusick 1968, BS EN ISO
+//! 9073-9]. Run `cargo bench --bench cusick`; names of fabrics as arguments choose among them.
+//! Limp cloth hangs in folds whose number depends on how it falls, as on the real instrument.
+
+use std::time::Instant;
+
+use dressform::device::Device;
+use dressform::drape::{self, Input, Params};
+use dressform::model::{Fabric, Garment, GarmentSource, Panel, TriMesh, Vec2, Vec3};
+
+const DISC: f64 = 0.15;
+const PEDESTAL: f64 = 0.09;
+/// Side of a shadow's cell [m].
+const CELL: f64 = 5e-4;
+/// Drape coefficients that the fabrics are known by [%].
+const EXPECTED: [(&str, [f64; 2]); 5] = [
+    ("silk", [20.0, 40.0]),
+    ("cotton", [60.0, 76.0]),
+    ("wool", [40.0, 70.0]),
+    ("leather", [47.0, 70.0]),
+    ("denim", [70.0, 90.0]),
+];
+
+/// A flat disc of rings about `h` apart, two of them half a spacing to either side of the
+/// pedestal's rim, so that a clamp on all up to the outer one is a clamp at the rim.
+fn disc(h: f64) -> (Vec<Vec2>, Vec<[u32; 3]>) {
+    let outer = ((DISC - PEDESTAL) / h - 0.5).round().max(1.0);
+    let h = (DISC - PEDESTAL) / (outer + 0.5);
+    let inner = (PEDESTAL / h - 0.5).floor();
+    let mut radii: Vec<f64> = (0..=inner as usize).map(|k| PEDESTAL - h * (0.5 + inner - k as f64)).collect();
+    radii.extend((0..=outer as usize).map(|k| PEDESTAL + h * (0.5 + k as f64)));
+    let (mut points, mut triangles) = (vec![Vec2::zeros()], Vec::new());
+    let mut last = (0u32, 1u32); // first point and number of points of the ring before
+    for (ring, &r) in radii.iter().enumerate() {
+        let count = ((std::f64::consts::TAU * r / h).round() as u32).max(6);
+        let first = points.len() as u32;
+        // Every other ring starts half a spacing aside, so that no spoke runs through all.
+        let shift = 0.5 * (ring % 2) as f64;
+        points.extend((0..count).map(|i| {
+            let turn = std::f64::consts::TAU * (f64::from(i) + shift) / f64::from(count);
+            Vec2::new(r * turn.cos(), r * turn.sin())
+        }));
+        stitch(last, (first, count), &points, &mut triangles);
+        last = (first, count);
+    }
+    (points, triangles)
+}
+
+/// Triangles between two rings, given as first point and number of points.
+fn stitch(inside: (u32, u32), outside: (u32, u32), points: &[Vec2], triangles: &mut Vec<[u32; 3]>) {
+    let at = |ring: (u32, u32), i: u32| ring.0 + i % ring.1;
+    let angle = |ring: (u32, u32), i: u32| {
+        let p = points[at(ring, i) as usize];
+        p.y.atan2(p.x).rem_euclid(std::f64::consts::TAU) + std::f64::consts::TAU * f64::from(i / ring.1)
+    };
+    if inside.1 == 1 {
+        triangles.extend((0..outside.1).map(|i| [inside.0, at(outside, i), at(outside, i + 1)]));
+        return;
+    }
+    let (mut i, mut j) = (0, 0);
+    while i < inside.1 || j < outside.1 {
+        let onward = j < outside.1 && (i >= inside.1 || angle(outside, j + 1) <= angle(inside, i + 1));
+        if onward {
+            triangles.push([at(inside, i), at(outside, j), at(outside, j + 1)]);
+            j += 1;
+        } else {
+            triangles.push([at(inside, i), at(outside, j), at(inside, i + 1)]);
+            i += 1;
+        }
+    }
+}
+
+fn garment(fabric: &Fabric, h: f64) -> Garment {
+    let (pattern, triangles) = disc(h);
+    // A ripple of a tenth of a millimetre, for folds to start from.
+    let place = |p: &Vec2| {
+        let out = (p.norm() - PEDESTAL).max(0.0) / (DISC - PEDESTAL);
+        Vec3::new(p.x, 1e-4 * out * (7.0 * p.y.atan2(p.x) + 40.0 * p.x).sin(), -p.y)
+    };
+    let source = GarmentSource {
+        name: fabric.name.clone(),
+        mesh: TriMesh { points: pattern.iter().map(place).collect(), triangles: triangles.clone() },
+        corner_pattern: triangles.iter().map(|t| t.map(|v| pattern[v as usize])).collect(),
+        panel_of_triangle: vec![0; triangles.len()],
+        panels: vec![Panel { fabric: fabric.clone(), ..Panel::default() }],
+        ..GarmentSource::default()
+    };
+    Garment::from_source(source).expect("a disc is a garment")
+}
+
+/// Area that the cloth covers, seen from above [m^2].
+fn shadow(points: &[Vec3], triangles: &[[u32; 3]]) -> f64 {
+    let n = (2.4 * DISC / CELL) as usize;
+    let mut covered = vec![false; n * n];
+    let cell = |x: f64| ((x + 1.2 * DISC) / CELL).clamp(0.0, n as f64 - 1.0) as usize;
+    for t in triangles {
+        let [a, b, c] = t.map(|v| Vec2::new(points[v as usize].x, points[v as usize].z));
+        let double = (b - a).perp(&(c - a));
+        if double == 0.0 {
+            continue;
+        }
+        let (lo, hi) = (a.inf(&b).inf(&c), a.sup(&b).sup(&c));
+        for i in cell(lo.x)..=cell(hi.x) {
+            for j in cell(lo.y)..=cell(hi.y) {
+                let p = Vec2::new(i as f64 + 0.5, j as f64 + 0.5) * CELL - Vec2::repeat(1.2 * DISC);
+                let side = |u: Vec2, v: Vec2| (v - u).perp(&(p - u)) / double;
+                if side(a, b) >= 0.0 && side(b, c) >= 0.0 && side(c, a) >= 0.0 {
+                    covered[i * n + j] = true;
+                }
+            }
+        }
+    }
+    covered.iter().filter(|c| **c).count() as f64 * CELL * CELL
+}
+
+/// Folds: maxima of the rim's height around the disc that stand out by 2 mm.
+fn folds(garment: &Garment, points: &[Vec3]) -> usize {
+    let mut rim: Vec<(f64, f64)> = (0..points.len())
+        .filter(|&v| garment.pattern[v].norm() > DISC - 1e-6)
+        .map(|v| (garment.pattern[v].y.atan2(garment.pattern[v].x), points[v].y))
+        .collect();
+    rim.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let (low, high) = rim.iter().fold((f64::MAX, f64::MIN), |(l, h), r| (l.min(r.1), h.max(r.1)));
+    let middle = 0.5 * (low + high);
+    if high - low < 2e-3 {
+        return 0;
+    }
+    (0..rim.len()).filter(|&i| rim[i].1 <= middle && rim[(i + 1) % rim.len()].1 > middle).count()
+}
+
+/// Drapes a disc of elements of about `h` [m] and prints a row.
+fn test(fabric: &Fabric, h: f64, expected: &str) {
+    let mean = 0.5 * (fabric.bending_warp + fabric.bending_weft);
+    let length = (mean / (fabric.density * 9.81)).cbrt() * 1e3;
+    let garment = garment(fabric, h);
+    let held: Vec<u32> = (0..garment.points.len() as u32)
+        .filter(|&v| garment.pattern[v as usize].norm() < PEDESTAL + 0.6 * h)
+        .collect();
+    let params = Params {
+        frames: 0,
+        settle: true,
+        settle_frames: 240,
+        steps_per_frame: 2,
+        settle_damping: 0.1,
+        rest_tolerance: 0.05,
+        ..Params::default()
+    };
+    let input = Input {
+        garment: &garment,
+        points: &garment.points,
+        pattern: &garment.pattern,
+        colliders: &[],
+        layers: &[],
+        pinned: &held,
+        held: &[],
+    };
+    let clock = Instant::now();
+    let out = drape::run(&Device::cpu(), &input, &params).expect("the disc drapes");
+    let clamped = std::f64::consts::PI * PEDESTAL * PEDESTAL;
+    let ring = std::f64::consts::PI * DISC * DISC - clamped;
+    let coefficient = 100.0 * (shadow(&out.points, &garment.triangles) - clamped) / ring;
+    println!(
+        "{}, {length:.1}, {}, {coefficient:.1}, {expected}, {}, {:.3}{}, {:.1}",
+        fabric.name,
+        garment.points.len(),
+        folds(&garment, &out.points),
+        out.info.residual,
+        if out.info.at_rest && out.info.converged { "" } else { " (not at rest)" },
+        clock.elapsed().as_secs_f64(),
+    );
+}
+
+/// Cloth that bends alike in all directions, by its bending length [m].
+fn isotropic(length: f64) -> Fabric {
+    let cotton = Fabric::preset("cotton").expect("a preset");
+    let k = cotton.density * 9.81 * length.powi(3);
+    let name = "isotropic".to_owned();
+    Fabric { name, bending_warp: k, bending_weft: k, bending_shear: 2.0 * k, ..cotton }
+}
+
+fn main() {
+    let chosen: Vec<String> = std::env::args().skip(1).filter(|a| !a.starts_with('-')).collect();
+    println!("fabric, bending length mm, nodes, drape coefficient %, expected %, folds, residual, s");
+    if chosen.iter().any(|c| c == "sweep") {
+        [0.012, 0.016, 0.02, 0.024, 0.028, 0.034].iter().for_each(|&c| test(&isotropic(c), 0.012, ""));
+        return;
+    }
+    for (name, [low, high]) in EXPECTED {
+        if chosen.is_empty() || chosen.iter().any(|c| c == name) {
+            let fabric = Fabric::preset(name).expect("a preset");
+            let expected = format!("{low} to {high}");
+            [0.012, 0.008, 0.006].iter().for_each(|&h| test(&fabric, h, &expected));
+        }
+    }
+}
