@@ -97,6 +97,18 @@ test-rust: ## The core's tests.
 test-python: $(VENV)/.built $(VENV)/.test-packages ## The package's tests.
 	$(BIN)/pytest
 
+# Blender's wheel pins its numpy and brings its own USD: an environment and a process of its own.
+VENV_DCC := .venv-dcc
+
+$(VENV_DCC)/.packages: requirements-dcc.lock
+	$(PYTHON) -m venv $(VENV_DCC)
+	$(VENV_DCC)/bin/pip install --quiet --requirement requirements-dcc.lock
+	@touch $@
+
+.PHONY: test-dcc
+test-dcc: $(VENV)/.built $(VENV)/.test-packages $(VENV_DCC)/.packages ## Against Blender's importer (Python 3.11; 400 MB).
+	BLENDER_PYTHON=$(CURDIR)/$(VENV_DCC)/bin/python $(BIN)/pytest tests/dcc
+
 .PHONY: bench
 bench: $(VENV)/.built $(VENV)/.test-packages ## Benchmarks; with DRESSFORM_DATA, all pairs too.
 	@if compgen -G 'benches/*.rs' > /dev/null; then cargo bench --package dressform --locked; \
@@ -104,6 +116,9 @@ bench: $(VENV)/.built $(VENV)/.test-packages ## Benchmarks; with DRESSFORM_DATA,
 	@if [ -d "$${DRESSFORM_DATA:-}" ]; then \
 		PATH="$(CURDIR)/$(BIN):$$PATH" $(BIN)/python benches/all_pairs.py "$$DRESSFORM_DATA" $(OUT)/pairs; \
 	else echo "skipped: the table over all pairs (DRESSFORM_DATA names no folder)"; fi
+	@if [ -d "$${DRESSFORM_DATA:-}" ] && [ -d "$${DRESSFORM_PEERS:-}" ]; then \
+		$(BIN)/python benches/posed.py "$$DRESSFORM_DATA"; \
+	else echo "skipped: weights in poses (DRESSFORM_DATA or DRESSFORM_PEERS names no folder)"; fi
 
 .PHONY: pairs
 pairs: $(VENV)/.built ## Fit every outfit of DRESSFORM_DATA to every character; the table goes into docs/.
@@ -115,6 +130,8 @@ lock: $(VENV)/.test-packages ## Pin the newest versions of all Python packages.
 		--no-emit-trusted-host --output-file requirements.lock requirements.in
 	$(BIN)/pip-compile --quiet --strip-extras --allow-unsafe --no-emit-index-url --no-emit-find-links \
 		--no-emit-trusted-host --output-file requirements-test.lock requirements-test.in
+	$(BIN)/pip-compile --quiet --strip-extras --allow-unsafe --no-emit-index-url --no-emit-find-links \
+		--no-emit-trusted-host --output-file requirements-dcc.lock requirements-dcc.in
 
 .PHONY: settings
 settings: $(VENV)/.built $(VENV)/.test-packages ## Mirror the core's settings into Python.

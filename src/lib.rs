@@ -11,7 +11,7 @@
 //! on the host; on a device they are `f32` displacements from an `f64` reference.
 //!
 //! # The data's way
-//! `model -> device -> geometry, solve -> certificate -> transfer -> pattern -> proxy ->
+//! `model -> device -> geometry, solve -> pose -> certificate -> transfer -> pattern -> proxy ->
 //! drape -> rig -> pipeline`: a module imports only from its left.
 
 pub mod certificate;
@@ -21,6 +21,7 @@ pub mod geometry;
 pub mod model;
 pub mod pattern;
 pub mod pipeline;
+pub mod pose;
 pub mod proxy;
 pub mod rig;
 pub mod solve;

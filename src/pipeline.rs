@@ -8,6 +8,8 @@
 
 mod animate;
 mod carry;
+mod certify;
+mod shapes;
 
 use std::time::Instant;
 
@@ -18,8 +20,9 @@ use crate::certificate::{self, Certificate, Thresholds};
 use crate::device::{Device, DeviceInfo};
 use crate::drape;
 use crate::drape::hold::Band;
+use crate::geometry::skinning::SkinningError;
 use crate::geometry::{OuterSkin, Surface};
-use crate::model::{Character, Garment, Outfit, Skin, Vec2, Vec3};
+use crate::model::{BlendShape, Character, Garment, Outfit, Skin, Vec2, Vec3};
 use crate::pattern;
 use crate::proxy::{self, Proxy};
 use crate::rig;
@@ -42,6 +45,10 @@ pub struct Settings {
     pub drape: drape::Params,
     /// Rig.
     pub rig: rig::Params,
+    /// Blend shapes of the body.
+    pub blend_shapes: rig::blend_shapes::Params,
+    /// Check of the weights in poses.
+    pub posed: certificate::posed::Params,
     /// What makes a result pass.
     pub thresholds: Thresholds,
 }
@@ -89,6 +96,8 @@ pub struct GarmentReport {
     pub held: Vec<drape::hold::Held>,
     /// The rig's account.
     pub rig: rig::Info,
+    /// Blend shapes of the body that were carried over.
+    pub blend_shapes: Vec<String>,
     /// Measured by tests of its own.
     pub certificate: Certificate,
 }
@@ -125,6 +134,8 @@ pub struct DressedGarment {
     pub corner_pattern: Vec<[Vec2; 3]>,
     /// Skin weights, per point of the source mesh.
     pub skin: Skin,
+    /// The body's blend shapes that move it, per point of the source mesh.
+    pub blend_shapes: Vec<BlendShape>,
 }
 
 /// What [`fit`] makes.
@@ -178,6 +189,12 @@ pub enum Error {
         /// As the body has it.
         expected: usize,
     },
+    /// The skeleton cannot be posed.
+    #[error("the skeleton cannot be posed: {0}")]
+    Skeleton(#[from] SkinningError),
+    /// A setting names a pose that is not there.
+    #[error("posed.poses: there is no pose '{0}'")]
+    UnknownPose(String),
     /// A garment has no proxy.
     #[error(transparent)]
     Proxy(#[from] proxy::Error),
@@ -238,6 +255,8 @@ pub fn fit(
         .map(|garment| Proxy::new(garment, &settings.proxy))
         .collect::<Result<Vec<_>, _>>()?;
 
+    let (poses, pose_notes) = certify::poses(character, settings)?;
+
     progress("transfer", 0.0);
     let clock = Instant::now();
     let carried = carry::carry_all(outfit, &proxies, character, settings, device, cache)?;
@@ -283,7 +302,7 @@ pub fn fit(
 
     progress("certify", 0.0);
     let clock = Instant::now();
-    let certificates = certify(outfit, &sources, &body, &draped, &patterns, &skins);
+    let certificates = certify::run(outfit, &sources, character, &body, &draped, &patterns, &skins, &poses);
     seconds.certify = clock.elapsed().as_secs_f64();
     progress("certify", 1.0);
 
@@ -291,9 +310,10 @@ pub fn fit(
     let mut reports = Vec::new();
     let mut broken = Vec::new();
     let parts = transferred.into_iter().zip(patterns).zip(draped).zip(skins).zip(certificates);
-    for (garment, ((((transferred, pattern), draped), skin), certificate)) in
-        outfit.garments.iter().zip(parts)
+    for ((garment, proxy), ((((transferred, pattern), draped), skin), certificate)) in
+        outfit.garments.iter().zip(&proxies).zip(parts)
     {
+        let blend_shapes = shapes::run(character, &body, proxy, garment, &draped, settings);
         let report = GarmentReport {
             name: garment.name.clone(),
             path: garment.path.clone(),
@@ -308,6 +328,7 @@ pub fn fit(
             drape: draped.info,
             held: draped.held,
             rig: skin.1,
+            blend_shapes: blend_shapes.iter().map(|shape| shape.name.clone()).collect(),
             certificate,
         };
         broken.extend(broken_thresholds(&report, &settings.thresholds));
@@ -315,6 +336,7 @@ pub fn fit(
             points: garment.scatter_points(&draped.points),
             corner_pattern: garment.triangles.iter().map(|t| t.map(|v| pattern.0[v as usize])).collect(),
             skin: garment.scatter_skin(&skin.0),
+            blend_shapes,
             vertex_points: draped.points,
             pattern: pattern.0,
         });
@@ -328,7 +350,7 @@ pub fn fit(
         broken,
         seconds,
         flows: carried.flows,
-        notes: proxies.iter().flat_map(Proxy::notes).chain(carried.notes).collect(),
+        notes: proxies.iter().flat_map(Proxy::notes).chain(carried.notes).chain(pose_notes).collect(),
         garments: reports,
     };
     Ok(Dressed { garments, report })
@@ -423,31 +445,6 @@ fn drape_all(
     }
     progress("drape", 1.0);
     Ok(outputs.into_iter().map(|o| o.expect("every garment was draped")).collect())
-}
-
-fn certify(
-    outfit: &Outfit,
-    sources: &[OuterSkin],
-    body: &OuterSkin,
-    draped: &[Draped],
-    patterns: &[(Vec<Vec2>, pattern::Info)],
-    skins: &[(Skin, rig::Info)],
-) -> Vec<Certificate> {
-    let garments: Vec<certificate::Dressed<'_>> = (0..outfit.garments.len())
-        .map(|g| certificate::Dressed {
-            garment: &outfit.garments[g],
-            points: &draped[g].points,
-            pattern: &patterns[g].0,
-            skin: Some(&skins[g].0),
-            offsets: Some(&draped[g].rest_offsets),
-            bound: Some(&draped[g].bound),
-        })
-        .collect();
-    certificate::measure(&certificate::Input {
-        body: &body.surface,
-        source_bodies: &sources.iter().map(|s| &s.surface).collect::<Vec<_>>(),
-        garments: &garments,
-    })
 }
 
 fn broken_thresholds(report: &GarmentReport, thresholds: &Thresholds) -> Vec<String> {

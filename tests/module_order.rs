@@ -7,6 +7,7 @@ const ORDER: &[&[&str]] = &[
     &["model"],
     &["device"],
     &["geometry", "solve"],
+    &["pose"],
     &["certificate"],
     &["transfer"],
     &["pattern"],

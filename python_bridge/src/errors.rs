@@ -65,6 +65,7 @@ pub fn pipeline(error: pipeline::Error) -> PyErr {
         pipeline::Error::Transfer(transfer::Error::Device(e)) => device(e),
         pipeline::Error::Drape { error: drape::Error::Device(e), .. } => device(e),
         pipeline::Error::Proxy(e) => proxy(e),
+        pipeline::Error::UnknownPose(_) => class::BadSettings::new_err(message),
         pipeline::Error::Transfer(transfer::Error::Setting { .. })
         | pipeline::Error::Pattern { error: pattern::Error::Setting { .. }, .. }
         | pipeline::Error::Drape { error: drape::Error::Setting { .. }, .. } => {

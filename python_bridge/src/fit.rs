@@ -74,6 +74,14 @@ fn garment_dict<'py>(
     dict.set_item("influences", garment.skin.influences)?;
     dict.set_item("joint_indices", garment.skin.joint_indices.into_pyarray(py))?;
     dict.set_item("joint_weights", garment.skin.joint_weights.into_pyarray(py))?;
+    let shapes = garment.blend_shapes.into_iter().map(|shape| {
+        let dict = PyDict::new(py);
+        dict.set_item("name", shape.name)?;
+        dict.set_item("points", shape.points.into_pyarray(py))?;
+        dict.set_item("offsets", points(py, &shape.offsets)?)?;
+        Ok(dict)
+    });
+    dict.set_item("blend_shapes", shapes.collect::<PyResult<Vec<_>>>()?)?;
     let report = serde_json::to_string(report).map_err(|e| errors::internal(e.to_string()))?;
     dict.set_item("report", report)?;
     Ok(dict)

@@ -9,6 +9,7 @@ use pyo3::prelude::*;
 mod errors;
 mod fit;
 mod job;
+mod posed;
 mod read;
 mod simulate;
 
@@ -26,6 +27,8 @@ mod _native {
 
     #[pymodule_export]
     use crate::fit::{default_settings_json, fit};
+    #[pymodule_export]
+    use crate::posed::{posed_json, poses};
     #[pymodule_export]
     use crate::simulate::simulate;
 

@@ -6,8 +6,8 @@
 use std::collections::BTreeMap;
 
 use dressform::model::{
-    AuthoredSeam, Character, Collider, Fabric, Garment, GarmentSource, Outfit, Panel, Role, Skeleton, Skin,
-    TriMesh, Vec2, Vec3,
+    AuthoredSeam, BlendShape, Character, Collider, Fabric, Garment, GarmentSource, Outfit, Panel, Role,
+    Skeleton, Skin, TriMesh, Vec2, Vec3,
 };
 use numpy::{AllowTypeChange, PyArrayDescrMethods, PyArrayLikeDyn, PyUntypedArray, PyUntypedArrayMethods};
 use pyo3::conversion::FromPyObjectOwned;
@@ -210,7 +210,35 @@ pub fn character(dict: &Bound<'_, PyDict>) -> PyResult<Character> {
         Ok(Collider { path, mesh })
     };
     let colliders = record.dicts("colliders")?.iter().map(collider).collect::<PyResult<_>>()?;
-    Ok(Character { name, path, body, skeleton, skin, colliders })
+    let shapes = record.dicts("blend_shapes")?;
+    let blend_shapes =
+        shapes.iter().map(|d| blend_shape(&record.of, d, body.points.len())).collect::<PyResult<_>>()?;
+    Ok(Character { name, path, body, skeleton, skin, colliders, blend_shapes })
+}
+
+fn blend_shape(of: &str, dict: &Bound<'_, PyDict>, points: usize) -> PyResult<BlendShape> {
+    let nameless = Record { of: of.to_owned(), dict };
+    let name: String = nameless.get("name")?;
+    let record = Record { of: format!("{of}: blend shape {name}"), dict };
+    let moved: Vec<u32> = record.integers("points", &[])?;
+    let (flat, offsets) = record.floats("offsets", &[3])?;
+    if offsets != moved.len() {
+        return Err(record.wrong("offsets", &format!("has {offsets} elements for {} points", moved.len())));
+    }
+    if let Some(i) = moved.iter().position(|&p| p as usize >= points) {
+        let what = format!("element {i}: point {}, but there are only {points}", moved[i]);
+        return Err(record.wrong("points", &what));
+    }
+    let offsets = flat.chunks_exact(3).map(Vec3::from_row_slice).collect();
+    Ok(BlendShape { name, points: moved, offsets })
+}
+
+/// A mesh with skin weights, as the posed check takes it.
+pub fn skinned(dict: &Bound<'_, PyDict>, joints: usize) -> PyResult<(TriMesh, Skin)> {
+    let record = Record { of: "garment".to_owned(), dict };
+    let mesh = record.mesh()?;
+    let skin = skin(&record, mesh.points.len(), joints)?;
+    Ok((mesh, skin))
 }
 
 fn skeleton(record: &Record<'_, '_>) -> PyResult<Skeleton> {

@@ -58,9 +58,10 @@ class Item:
 
 def find(name: str, folder: Path) -> Item:
     """The item ``name`` in a module: its own file or a file of its folder."""
-    files = (
-        [folder.with_suffix(".rs")] if folder.with_suffix(".rs").is_file() else sorted(folder.glob("*.rs"))
-    )
+    if folder.with_suffix(".rs").is_file():
+        files = [folder.with_suffix(".rs")]
+    else:
+        files = sorted(folder.glob("*.rs"), key=lambda file: (file.name != "mod.rs", file.name))
     for file in files:
         text = file.read_text()
         head = rf"((?:^///[^\n]*\n)*)((?:^#\[[^\n]*\]\n)*)^pub (struct|enum) {name} \{{\n(.*?)^\}}"

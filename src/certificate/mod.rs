@@ -6,10 +6,12 @@
 //!   the source bodies, for comparison.
 //! - **Penetration**: the vertex deepest inside the body, by winding number and distance.
 //! - **Strain** ([`strain`]) along warp and weft, and its change against the source.
+//! - **Poses** ([`posed`]): how the garment follows its body.
 //! - **Seams**: whether sewn vertices are where they are sewn and follow the same joints.
 //!
 //! [`Thresholds`] say which figures are too large, in words.
 
+pub mod posed;
 pub mod strain;
 mod thresholds;
 
@@ -86,6 +88,8 @@ pub struct Certificate {
     pub weight_sum_error_max: Option<f64>,
     /// Largest difference of a weight across a seam; `None` if not rigged.
     pub seam_weight_error_max: Option<f64>,
+    /// How it follows its body in poses ([`posed::measure`]); empty if it was not posed.
+    pub posed: Vec<posed::PoseFigures>,
 }
 
 /// Measures every garment, in the order given.

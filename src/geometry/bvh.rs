@@ -46,13 +46,21 @@ pub(crate) fn to_parry(v: &Vec3) -> Vector {
 
 /// parry's tree over the boxes of a mesh's triangles, one leaf each.
 pub(crate) fn build(mesh: &TriMesh) -> Bvh {
-    let boxes: Vec<Aabb> = (0..mesh.triangles.len())
-        .map(|t| {
-            let [a, b, c] = mesh.corners(t);
-            Aabb::new(to_parry(&a.inf(&b).inf(&c)), to_parry(&a.sup(&b).sup(&c)))
-        })
-        .collect();
+    let boxes: Vec<Aabb> = (0..mesh.triangles.len()).map(|t| bounds(mesh, t)).collect();
     Bvh::from_leaves(BvhBuildStrategy::Binned, &boxes)
+}
+
+/// The same tree over triangles that have moved: each leaf has its new box, and so has what is above.
+pub(crate) fn refit(tree: &mut Bvh, mesh: &TriMesh) {
+    for t in 0..mesh.triangles.len() {
+        tree.insert_or_update_partially(bounds(mesh, t), t as u32, 0.0);
+    }
+    tree.refit_without_opt();
+}
+
+fn bounds(mesh: &TriMesh, t: usize) -> Aabb {
+    let [a, b, c] = mesh.corners(t);
+    Aabb::new(to_parry(&a.inf(&b).inf(&c)), to_parry(&a.sup(&b).sup(&c)))
 }
 
 /// The tree's nodes in depth-first order, the root first.

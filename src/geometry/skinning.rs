@@ -136,6 +136,15 @@ pub fn skin_points(points: &[Vec3], skin: &Skin, matrices: &[Mat4]) -> Vec<Vec3>
     points.par_iter().enumerate().map(|(i, p)| transform(&blended_matrix(skin, i, matrices), p)).collect()
 }
 
+/// Checks that a skeleton's arrays fit and that its joints make a tree.
+///
+/// # Errors
+/// [`SkinningError::Length`], [`SkinningError::Parent`].
+pub fn check_tree(skeleton: &Skeleton) -> Result<(), SkinningError> {
+    expect("parents", skeleton.parents.len(), skeleton)?;
+    parents_first(skeleton).map(drop)
+}
+
 fn motions(
     skeleton: &Skeleton,
     bind: &[Mat4],

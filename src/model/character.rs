@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::TriMesh;
+use super::{TriMesh, Vec3};
 
 /// Joints in the order in which skin weights index them.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -36,6 +36,17 @@ pub struct Collider {
     pub mesh: TriMesh,
 }
 
+/// Offsets that a weight adds to points of a mesh.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct BlendShape {
+    /// Name.
+    pub name: String,
+    /// Points that it moves.
+    pub points: Vec<u32>,
+    /// World offsets at full weight [m], shape `[points, 3]`.
+    pub offsets: Vec<Vec3>,
+}
+
 /// A body mesh with its skeleton, in its bind pose.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Character {
@@ -51,4 +62,7 @@ pub struct Character {
     pub skin: Skin,
     /// Further colliders.
     pub colliders: Vec<Collider>,
+    /// Blend shapes of the body, where they were asked for.
+    #[serde(default)]
+    pub blend_shapes: Vec<BlendShape>,
 }

@@ -11,7 +11,7 @@ pub mod mesh;
 pub mod seam;
 
 pub use chain::{Chain, seam_mismatch};
-pub use character::{Character, Collider, Skeleton, Skin};
+pub use character::{BlendShape, Character, Collider, Skeleton, Skin};
 pub use fabric::Fabric;
 pub use garment::{AuthoredSeam, Garment, GarmentSource, Panel, Role, SourceError};
 pub use mesh::TriMesh;

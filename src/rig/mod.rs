@@ -14,6 +14,7 @@
 //! The paper falls back to proximity for every point that its search misses; a loose skirt
 //! would then split where left and right leg are equally near.
 
+pub mod blend_shapes;
 mod inpaint;
 mod search;
 #[cfg(test)]

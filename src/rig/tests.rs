@@ -44,6 +44,7 @@ fn character(body: TriMesh, second: impl Fn(&Vec3) -> f64) -> Character {
         skeleton: Skeleton { joints: vec!["a".to_owned(), "a/b".to_owned()], ..Skeleton::default() },
         body,
         colliders: Vec::new(),
+        blend_shapes: Vec::new(),
     }
 }
 

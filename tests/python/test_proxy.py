@@ -3,6 +3,7 @@
 import json
 import subprocess
 import sys
+from dataclasses import replace
 
 import dressform
 import numpy as np
@@ -11,6 +12,7 @@ import scenes
 import vests
 from dressform.check import check
 from dressform.settings import parse
+from dressform.usd.character import read_character
 from dressform.usd.garment import read_outfit
 
 #: Every stage, but no time: a drape cut short would leave the cloth strained.
@@ -120,3 +122,53 @@ def test_a_vest_comes_back_whole(vest, sample_target):
     (garment,), (dressed,) = outfit.garments, fitted.garments
     sides = np.concatenate([s.pairs for s in garment.seams if not s.offset])
     assert np.array_equal(dressed.points[sides[:, 0]], dressed.points[sides[:, 1]])
+
+
+#: Height of the patch above the shirt, and of the coat, which starts between the two [m].
+PATCH, COAT = 8e-3, 4e-3
+
+
+def patched(outfit, *, patch):
+    """The made-up shirt, with or without a patch on its front, under a coat that starts inside of it."""
+    (shirt,) = outfit.garments
+    outward = shirt.points * [1.0, 0.0, 1.0]
+    outward /= np.linalg.norm(outward, axis=1, keepdims=True)
+    coat = replace(shirt, name="Coat", path="/Outfit/Coat", layer=2, points=shirt.points + COAT * outward)
+    if not patch:
+        return replace(outfit, garments=[shirt, coat])
+    grid = np.arange(len(shirt.points)).reshape(-1, scenes.SIDES)[1:5, 2:7]
+    place = {int(v): i for i, v in enumerate(grid.ravel())}
+    faces = [i for i, t in enumerate(shirt.triangles.tolist()) if all(v in place for v in t)]
+    triangles = np.array([[place[v] for v in t] for t in shirt.triangles[faces].tolist()])
+    border = np.unique(np.concatenate([grid[0], grid[-1], grid[:, 0], grid[:, -1]]))
+    count = len(shirt.points)
+    pairs = np.array([[count + place[int(v)], v] for v in border], np.uint32)
+    shirt = replace(
+        shirt,
+        points=np.concatenate([shirt.points, (shirt.points + PATCH * outward)[grid.ravel()]]),
+        triangles=np.concatenate([shirt.triangles, triangles + count]).astype(np.uint32),
+        corner_pattern=np.concatenate([shirt.corner_pattern, shirt.corner_pattern[faces] + [3.0, 0.0]]),
+        panel_of_triangle=np.concatenate(
+            [shirt.panel_of_triangle, np.full(len(faces), len(shirt.panels))]
+        ).astype(np.uint32),
+        panels=[*shirt.panels, dressform.model.Panel("patch", "patch")],
+        seams=[*shirt.seams, dressform.model.AuthoredSeam("patch", pairs, offset=True)],
+    )
+    return replace(outfit, garments=[shirt, coat])
+
+
+def test_the_next_layer_lies_on_the_details(tmp_path, character):
+    target, _ = read_character(character)
+    outfit = read_outfit(scenes.saved(scenes.outfit_stage(tmp_path / "o.usda")))
+    radius = {}
+    for patch in (True, False):
+        settings = json.dumps({"posed": {"enabled": False}})
+        fitted = dressform.fit_arrays(patched(outfit, patch=patch), target, settings, "cpu")
+        shirt, coat = fitted.report["garments"]
+        assert len(shirt["proxy"]["left_out"]) == int(patch)
+        assert coat["certificate"]["layer_intersections"] == 0
+        over = np.arange(len(fitted.garments[1].points)).reshape(-1, scenes.SIDES)[2:4, 3:6].ravel()
+        radius[patch] = np.hypot(*fitted.garments[1].points[over][:, [0, 2]].T)
+    # Without the patch it stays near where it was; on the patch it has been pushed out.
+    assert radius[False].max() < 0.2 + PATCH
+    assert radius[True].min() > 0.2 + PATCH

@@ -218,6 +218,24 @@ class RigSettings(CoreModel):
     smoothing: Count = 8
 
 
+class BlendShapesSettings(CoreModel):
+    """Settings of blend shapes."""
+
+    #: Whether blend shapes of the body that move a garment are carried to it.
+    enabled: bool = False
+    #: Garment points that a shape moves less are left out of it [m].
+    smallest: Number = 0.0001
+
+
+class PosedSettings(CoreModel):
+    """Settings of the posed check."""
+
+    #: Whether garments are posed with their body and judged.
+    enabled: bool = True
+    #: Names of the poses; empty: all that the skeleton allows.
+    poses: list[str] = []
+
+
 class ThresholdsSettings(CoreModel):
     """Limits; one that is broken makes a result not pass."""
 
@@ -264,5 +282,9 @@ class CoreSettings(CoreModel):
     drape: DrapeSettings = DrapeSettings()
     #: Rig.
     rig: RigSettings = RigSettings()
+    #: Blend shapes of the body.
+    blend_shapes: BlendShapesSettings = BlendShapesSettings()
+    #: Check of the weights in poses.
+    posed: PosedSettings = PosedSettings()
     #: What makes a result pass.
     thresholds: ThresholdsSettings = ThresholdsSettings()

@@ -73,6 +73,7 @@ def fit(
         body=options.body,
         colliders=options.colliders,
         variants=options.character_variants or None,
+        blend_shapes=chosen.blend_shapes.enabled,
     )
     # The core checks this too, but knows no files.
     for body in source.bodies:

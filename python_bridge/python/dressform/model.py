@@ -92,6 +92,19 @@ class Collider:
 
 
 @dataclass
+class BlendShape:
+    """Offsets that a weight adds to points of a mesh."""
+
+    name: str
+    #: Points that it moves, shape [n].
+    points: Indices
+    #: World offsets at its full weight [m], shape [n, 3].
+    offsets: Floats
+    #: The weight at which it has its full effect; not 1 for an in-between.
+    weight: float = 1.0
+
+
+@dataclass
 class Character:
     """A body mesh with its skeleton and skin weights, in its bind pose."""
 
@@ -113,6 +126,8 @@ class Character:
     #: World transform of each joint in the bind pose, shape [j, 4, 4].
     world_from_joint: Floats
     colliders: list[Collider] = field(default_factory=list)
+    #: Blend shapes of the body, where they were asked for.
+    blend_shapes: list[BlendShape] = field(default_factory=list)
     #: Bookkeeping: the stage's frame and the body's maps.
     origin: MeshOrigin | None = None
     #: Path of the skeleton and of the prim that holds the whole character (the SkelRoot or above).
@@ -219,5 +234,7 @@ class DressedGarment:
     joint_indices: Indices
     joint_weights: Floats
     influences: int
-    #: Keys of the report's ``certificate`` object: numbers or lists of three.
+    #: The report's ``certificate`` object.
     certificate: dict[str, Any] = field(default_factory=dict)
+    #: The body's blend shapes that move it, over the points of the source mesh.
+    blend_shapes: list[BlendShape] = field(default_factory=list)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields, replace
 from typing import Any
 
@@ -13,12 +13,14 @@ from numpy.typing import NDArray
 from . import _native
 from .model import (
     AuthoredSeam,
+    BlendShape,
     Character,
     Collider,
     DressedGarment,
     Fabric,
     Floats,
     GarmentSource,
+    Indices,
     Outfit,
     Panel,
 )
@@ -28,7 +30,7 @@ Progress = Callable[[str, float], None]
 
 #: Fields that only reading and writing stages need; the core never sees them.
 _BOOKKEEPING = {"origin", "pattern_origin", "notes", "file", "frame", "variants"}
-_RECORDS = (AuthoredSeam, Character, Collider, Fabric, GarmentSource, Outfit, Panel)
+_RECORDS = (AuthoredSeam, BlendShape, Character, Collider, Fabric, GarmentSource, Outfit, Panel)
 
 
 @dataclass
@@ -64,7 +66,8 @@ def fit_arrays(
         InternalFault: a bug of the core.
     """
     answer = _native.fit(record(outfit), record(character), settings_json, device, progress, cache)
-    return Fitted([_dressed(g) for g in answer["garments"]], json.loads(answer["report"]))
+    weights = {shape.name: shape.weight for shape in character.blend_shapes}
+    return Fitted([_dressed(g, weights) for g in answer["garments"]], json.loads(answer["report"]))
 
 
 def simulate_arrays(
@@ -125,7 +128,52 @@ def proxy_info(garment: GarmentSource, settings_json: str = "{}") -> dict[str, A
     return info
 
 
-def _dressed(garment: dict[str, Any]) -> DressedGarment:
+@dataclass
+class SkinnedMesh:
+    """A mesh that hangs on a character's skeleton, in its bind pose."""
+
+    #: World, metres, Y up, shape [n, 3].
+    points: Floats
+    #: Shape [t, 3].
+    triangles: Indices
+    #: Influences for each point, k.
+    skin_influences: int
+    #: Shape [n * k], indices into the character's joints.
+    joint_indices: Indices
+    #: Shape [n * k]; every point's weights sum to 1.
+    joint_weights: Floats
+
+
+def poses(character: Character) -> dict[str, Floats]:
+    """The poses of the posed check that a skeleton allows.
+
+    Returns:
+        By name, the skinning matrix of every joint (world from bind pose to pose), shape [j, 4, 4].
+
+    Raises:
+        BadInput: the skeleton is no tree.
+    """
+    return _native.poses(record(character))
+
+
+def posed_check(
+    character: Character, meshes: Sequence[SkinnedMesh], settings_json: str = "{}"
+) -> list[list[dict[str, Any]]]:
+    """How skinned meshes follow a character's body: the certificate's ``posed`` for weights of any source.
+
+    Returns:
+        For each mesh, the figures of every pose (keys of ``dressform.result.PoseReport``).
+
+    Raises:
+        BadInput: arrays that do not fit together.
+        BadSettings: ``posed.poses`` names no pose.
+    """
+    answer = _native.posed_json(record(character), [vars(m) for m in meshes], settings_json)
+    figures: list[list[dict[str, Any]]] = json.loads(answer)
+    return figures
+
+
+def _dressed(garment: dict[str, Any], shape_weights: dict[str, float]) -> DressedGarment:
     report = json.loads(garment["report"])
     return DressedGarment(
         points=garment["points"],
@@ -134,6 +182,7 @@ def _dressed(garment: dict[str, Any]) -> DressedGarment:
         joint_weights=garment["joint_weights"],
         influences=garment["influences"],
         certificate=report["certificate"],
+        blend_shapes=[BlendShape(**s, weight=shape_weights[s["name"]]) for s in garment["blend_shapes"]],
     )
 
 

@@ -109,6 +109,21 @@ class RigReport(_Report):
     influences_max: int
 
 
+class PoseReport(_Report):
+    """How a garment follows its body in one pose, both skinned."""
+
+    pose: str
+    inside: float = Field(
+        description="fraction of the vertices outside of the body in the bind pose that are inside; "
+        "not counted where the posed body overlaps itself"
+    )
+    depth_max_m: float = Field(description="depth of the deepest of them [m]")
+    depth_mean_m: float = Field(description="depth over all counted, zero outside [m]")
+    overlapped: float = Field(description="fraction where the posed body overlaps itself")
+    edge_stretch: Percentiles = Field(description="edge length over its length in the bind pose")
+    edge_stretch_max: float
+
+
 class Certificate(_Report):
     """What was achieved, measured by exact tests and not by the solvers."""
 
@@ -124,6 +139,9 @@ class Certificate(_Report):
     seam_gap_max_m: float
     weight_sum_error_max: float
     seam_weight_error_max: float
+    posed: list[PoseReport] = Field(
+        default_factory=list, description="the posed check; empty where it is switched off"
+    )
 
 
 class GarmentReport(_Report):
@@ -142,6 +160,9 @@ class GarmentReport(_Report):
     drape: DrapeReport
     held: list[HeldBand] = Field(description="bands that were held during the drape; empty where none was")
     rig: RigReport
+    blend_shapes: list[str] = Field(
+        default_factory=list, description="blend shapes of the body that were carried over"
+    )
     certificate: Certificate
 
 

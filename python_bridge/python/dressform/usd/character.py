@@ -17,6 +17,7 @@ from pxr import Sdf, Usd, UsdGeom, UsdSkel
 
 from ..errors import BadInput
 from ..model import Character, Collider, Floats
+from .blend_shapes import read_blend_shapes
 from .marks import is_garment
 from .mesh import read_mesh
 from .skeleton import SkeletonData, bound_skeleton, read_skeleton
@@ -35,6 +36,7 @@ def read_character(
     body: str | None = None,
     colliders: Iterable[str] = (),
     variants: Mapping[str, Mapping[str, str]] | None = None,
+    blend_shapes: bool = False,
 ) -> tuple[Character, list[str]]:
     """Reads a stage with a body mesh and a skeleton.
 
@@ -44,6 +46,7 @@ def read_character(
         colliders: further meshes that cloth must not pass, each a prim path (whatever is below
             it counts), a prim name or a pattern such as ``Shoe*``.
         variants: ``{prim path: {variant set: variant}}``.
+        blend_shapes: whether the body's blend shapes are read.
 
     Returns:
         The character and notes on what was inferred or repaired.
@@ -53,6 +56,8 @@ def read_character(
     """
     source = open_stage(file, variants)
     character = character_under(source, source.stage.GetPseudoRoot(), body, colliders)
+    if blend_shapes:
+        character.blend_shapes = read_blend_shapes(source, character)
     character.variants = copy_variants(variants)
     worn = [p.GetName() for p in source.prims() if is_garment(p)]
     if worn:

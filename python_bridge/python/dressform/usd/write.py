@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from pxr import Sdf, Tf, Usd, UsdGeom, UsdSkel, UsdUtils, Vt
+from pxr import Gf, Sdf, Tf, Usd, UsdGeom, UsdSkel, UsdUtils, Vt
 
 from ..errors import BadOutput
 from ..model import Character, DressedGarment, Outfit
@@ -266,6 +266,9 @@ def _certificate(over: Sdf.PrimSpec, values: Mapping[str, Any], passed: bool, br
         _attribute(over, "garment:certificate:broken", types.StringArray, Vt.StringArray(list(broken)))
     for key, value in sorted(values.items()):
         name = f"garment:certificate:{key}"
+        if key == "posed":
+            _posed(over, name, value)
+            continue
         if isinstance(value, bool | np.bool_):
             _attribute(over, name, types.Bool, bool(value))
         elif isinstance(value, int | np.integer):
@@ -278,6 +281,20 @@ def _certificate(over: Sdf.PrimSpec, values: Mapping[str, Any], passed: bool, br
             _attribute(over, name, types.Double3, tuple(float(v) for v in value))
         else:
             _attribute(over, name, types.DoubleArray, Vt.DoubleArray([float(v) for v in value]))
+
+
+def _posed(over: Sdf.PrimSpec, name: str, poses: Sequence[Mapping[str, Any]]) -> None:
+    """Figures of the posed check: an array for each, in the order of the poses."""
+    types = Sdf.ValueTypeNames
+    for key in sorted({key for figures in poses for key in figures}):
+        column = [figures[key] for figures in poses]
+        if key == "pose":
+            _attribute(over, f"{name}:poses", types.TokenArray, Vt.TokenArray(column))
+        elif isinstance(column[0], Sequence):
+            rows = Vt.Vec3dArray([Gf.Vec3d(*map(float, row)) for row in column])
+            _attribute(over, f"{name}:{key}", types.Double3Array, rows)
+        else:
+            _attribute(over, f"{name}:{key}", types.DoubleArray, Vt.DoubleArray([float(x) for x in column]))
 
 
 def _attribute(spec: Sdf.PrimSpec, name: str, kind: Sdf.ValueTypeName, value: object) -> None:

@@ -10,6 +10,7 @@ import numpy as np
 from pxr import Sdf, Usd, UsdGeom, UsdSkel, Vt
 
 from ..model import Character, DressedGarment, Floats, GarmentSource, MeshOrigin
+from .blend_shapes import write_blend_shapes
 from .marks import SEAM_PREFIX
 from .materials import dangling
 from .normals import corner_normals, face_normals, vertex_normals
@@ -89,6 +90,8 @@ def write_garment(
     uv = uv_of_corners(garment, pattern)
     write_rest_shape(prim, garment, origin, uv, place.frame.meters_per_unit)
     write_skin(prim, garment, dressed, place)
+    if dressed.blend_shapes:
+        write_blend_shapes(prim, dressed.blend_shapes, place.root_from_world)
 
 
 def write_skin(prim: Usd.Prim, garment: GarmentSource, dressed: DressedGarment, place: Placement) -> None:

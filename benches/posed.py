@@ -1,0 +1,192 @@
+#!/usr/bin/env python3
+"""Whose weights follow the body: ours, the nearest point's, or plain inpainting's.
+
+    DRESSFORM_PEERS=... posed.py DATA [--only OUTFIT:CHARACTER ...] [--drape] [--influences N]
+        [--cache FOLDER] [--json FILE]
+
+Every garment of DATA on every character is transferred and rigged (and draped, if asked), then posed
+three times on the same geometry, with nothing but the weights exchanged. The rivals are
+``rig_igl.py`` of DRESSFORM_PEERS: weights of the nearest body point, and weight inpainting
+[Abdrashitov 2023] with its default thresholds; both keep all their influences, ours are capped.
+Prints a table, means over the poses.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from all_pairs import pairs
+from dressform import fit_arrays
+from dressform.model import Character, DressedGarment, GarmentSource
+from dressform.native import SkinnedMesh, posed_check
+from dressform.usd.character import read_character
+from dressform.usd.garment import read_outfit
+
+STILL = {"drape": {"frames": 0, "push_steps": 0}, "posed": {"enabled": False}}
+METHODS = ("ours", "nearest", "inpaint")
+#: Weights below this are left out of a rival's influences.
+NEGLIGIBLE = 1e-7
+
+
+def welded(garment: GarmentSource, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """For each point the first one that it is sewn to without an offset, and those in use."""
+    first = np.arange(len(points))
+    pairs = [s.pairs for s in garment.seams if not s.offset]
+    for _ in range(8):  # chains of sewn points are short
+        for pair in pairs:
+            low = np.minimum(first[pair[:, 0]], first[pair[:, 1]])
+            np.minimum.at(first, pair[:, 0].astype(np.int64), low)
+            np.minimum.at(first, pair[:, 1].astype(np.int64), low)
+    used, index = np.unique(first, return_inverse=True)
+    return used, index
+
+
+def dense(character: Character) -> np.ndarray:
+    """The body's weights, shape [n, j]."""
+    k = character.skin_influences
+    weights = np.zeros((len(character.points), len(character.joints)))
+    rows = np.repeat(np.arange(len(character.points)), k)
+    np.add.at(weights, (rows, character.joint_indices.ravel()), character.joint_weights.ravel())
+    return weights
+
+
+def sparse(weights: np.ndarray) -> tuple[int, np.ndarray, np.ndarray]:
+    """Influences, indices and weights of dense ones, all that are not negligible."""
+    k = int((weights > NEGLIGIBLE).sum(axis=1).max())
+    order = np.argsort(-weights, axis=1)[:, :k]
+    kept = np.take_along_axis(weights, order, axis=1)
+    kept[kept <= NEGLIGIBLE] = 0.0
+    kept /= kept.sum(axis=1, keepdims=True)
+    return k, order.ravel().astype(np.uint32), kept.ravel()
+
+
+def rivals(
+    peer: Any, character: Character, points: np.ndarray, triangles: np.ndarray
+) -> dict[str, np.ndarray]:
+    """Dense weights of the welded garment."""
+    body, faces = character.points, character.triangles.astype(np.int64)
+    weights, cloth = dense(character), triangles.astype(np.int64)
+    nearest = peer.nearest_igl(body, faces, weights, points)[0]
+    inpainted = peer.inpaint(body, faces, weights, points, cloth, None, 0.05, 30.0, False, True, {})[0]
+    return {"nearest": nearest, "inpaint": inpainted}
+
+
+def judge(
+    peer: Any, character: Character, garment: GarmentSource, dressed: DressedGarment
+) -> dict[str, list[dict[str, Any]]]:
+    """Figures of every pose for every method."""
+    used, index = welded(garment, dressed.points)
+    points = dressed.points[used]
+    triangles = index[garment.triangles.astype(np.int64)].astype(np.uint32)
+    triangles = triangles[[len(set(t)) == 3 for t in triangles.tolist()]]
+    k = dressed.influences
+    ours = (
+        k,
+        dressed.joint_indices.reshape(-1, k)[used].ravel(),
+        dressed.joint_weights.reshape(-1, k)[used].ravel(),
+    )
+    skins = {"ours": ours}
+    skins |= {name: sparse(w) for name, w in rivals(peer, character, points, triangles).items()}
+    meshes = [SkinnedMesh(points, triangles, *skins[m]) for m in METHODS]
+    return dict(zip(METHODS, posed_check(character, meshes), strict=True))
+
+
+def summary(figures: list[dict[str, Any]]) -> dict[str, float]:
+    """Means over the poses; the stretch of edges as what is beyond 1 either way."""
+    mean = lambda key: float(np.mean([f[key] for f in figures]))  # noqa: E731
+    spread = [f["edge_stretch"][2] - f["edge_stretch"][0] for f in figures]
+    return {
+        "inside": mean("inside"),
+        "depth_mean_mm": 1e3 * mean("depth_mean_m"),
+        "depth_max_mm": 1e3 * max(f["depth_max_m"] for f in figures),
+        "stretch_spread": float(np.mean(spread)),
+        "stretch_max": max(f["edge_stretch_max"] for f in figures),
+    }
+
+
+#: Figures of a table's row: heading, key of a summary, format, factor.
+COLUMNS = (
+    ("inside %", "inside", "{:.2f}", 100.0),
+    ("mean depth mm", "depth_mean_mm", "{:.3f}", 1.0),
+    ("deepest mm", "depth_max_mm", "{:.1f}", 1.0),
+    ("stretch p99 - p1", "stretch_spread", "{:.3f}", 1.0),
+    ("largest stretch", "stretch_max", "{:.2f}", 1.0),
+)
+#: Figures that are compared and summed.
+COMPARED = ("inside", "depth_mean_mm", "stretch_spread")
+
+
+def row(name: str, garment: str, means: dict[str, dict[str, float]]) -> str:
+    """A garment's line of the table."""
+    cells = [*name.split(":"), garment]
+    for _, key, form, factor in COLUMNS:
+        cells.append(" / ".join(form.format(factor * means[m][key]) for m in METHODS))
+    return "| " + " | ".join(cells) + " |"
+
+
+def worse(means: dict[str, dict[str, float]]) -> list[str]:
+    """Where ours is worse than a rival, in words."""
+    return [
+        f"{key} {means['ours'][key]:.4g}, {m} {means[m][key]:.4g}"
+        for key in COMPARED
+        for m in METHODS[1:]
+        if means["ours"][key] > means[m][key] * 1.001 + 1e-6
+    ]
+
+
+def arguments() -> argparse.Namespace:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("data", type=Path)
+    parser.add_argument("--only", nargs="*", default=[], metavar="OUTFIT:CHARACTER")
+    parser.add_argument("--drape", action="store_true", help="with the default drape")
+    parser.add_argument("--influences", type=int, help="cap of ours, where it is not the default")
+    parser.add_argument("--cache", help="folder that keeps the flows between bodies")
+    parser.add_argument("--json", type=Path, help="all figures of all poses")
+    return parser.parse_args()
+
+
+def main() -> int:
+    """Prints the table, the sums, and where ours is worse."""
+    options = arguments()
+    sys.path.insert(0, os.environ["DRESSFORM_PEERS"])
+    import rig_igl as peer
+
+    settings: dict[str, Any] = {"posed": {"enabled": False}} if options.drape else dict(STILL)
+    if options.influences:
+        settings["rig"] = {"influences": options.influences}
+    names = ["outfit", "character", "garment", *(heading for heading, *_ in COLUMNS)]
+    print("| " + " | ".join(names) + " |\n|" + " --- |" * len(names), flush=True)
+    everything, losses = {}, []
+    for outfit_file, character_file in pairs(options.data):
+        name = f"{outfit_file.stem}:{character_file.stem}"
+        if options.only and name not in options.only:
+            continue
+        outfit = read_outfit(outfit_file)
+        character, _ = read_character(character_file)
+        fitted = fit_arrays(outfit, character, json.dumps(settings), "cpu", None, options.cache)
+        for garment, dressed in zip(outfit.garments, fitted.garments, strict=True):
+            figures = judge(peer, character, garment, dressed)
+            means = {m: summary(f) for m, f in figures.items()}
+            everything[f"{name}:{garment.name}"] = figures
+            print(row(name, garment.name, means), flush=True)
+            losses += [f"{name} {garment.name}: {loss}" for loss in worse(means)]
+    print(f"\nours / nearest / inpaint; {len(everything)} garments. Sums:")
+    for key in COMPARED:
+        sums = [sum(summary(f[m])[key] for f in everything.values()) for m in METHODS]
+        print(f"{key}: " + " / ".join(f"{s:.4g}" for s in sums))
+    print(f"\nOurs is worse in {len(losses)}:", *losses, sep="\n")
+    if options.json:
+        options.json.write_text(json.dumps(everything, indent=1))
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
