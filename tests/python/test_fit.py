@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from dressform.usd.character import read_character
 from dressform.usd.garment import read_outfit
+from pxr import Usd
 
 #: One untangling step: enough to go through every stage.
 SHORT = {"drape": {"frames": 1, "steps_per_frame": 1, "max_newton": 2, "push_steps": 0}}
@@ -48,6 +49,17 @@ def test_json_is_one_object_with_every_stage(fitted):
     assert skirt["seams"] == 6
     assert sum(skirt["rig"][key] for key in ("matched", "inpainted", "nearest")) == pytest.approx(1.0)
     dressform.Result.model_validate(answer)
+
+
+def test_every_pose_is_in_the_report_and_in_the_layer(fitted):
+    done, out = fitted
+    (skirt,) = json.loads(done.stdout)["garments"]
+    posed = skirt["certificate"]["posed"]
+    assert len(posed) >= 12
+    assert all(0.0 <= f["inside"] < 0.1 and f["edge_stretch"][1] > 0.5 for f in posed)
+    prim = Usd.Stage.Open(str(out)).GetPrimAtPath("/thin_woman/Outfit/Skirt")
+    names = prim.GetAttribute("garment:certificate:posed:poses").Get()
+    assert list(names) == [f["pose"] for f in posed]
 
 
 def test_what_was_written_reads_back(fitted):
