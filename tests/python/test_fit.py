@@ -57,7 +57,8 @@ def test_every_pose_is_in_the_report_and_in_the_layer(fitted):
     posed = skirt["certificate"]["posed"]
     assert len(posed) >= 12
     assert all(0.0 <= f["inside"] < 0.1 and f["edge_stretch"][1] > 0.5 for f in posed)
-    prim = Usd.Stage.Open(str(out)).GetPrimAtPath("/thin_woman/Outfit/Skirt")
+    stage = Usd.Stage.Open(str(out))
+    prim = stage.GetPrimAtPath("/thin_woman/Outfit/Skirt")
     names = prim.GetAttribute("garment:certificate:posed:poses").Get()
     assert list(names) == [f["pose"] for f in posed]
 
