@@ -2,10 +2,14 @@
 
 use super::ties::Hold;
 use super::*;
+use crate::device::Device;
 use crate::drape::elastic::tests::Noise;
+use crate::drape::{Input, Params as Drape};
 use crate::model::{GarmentSource, TriMesh, Vec2};
 
 const RADIUS: f64 = 0.1;
+/// Radius that the cloth of a [`tube`] is cut for [m]: loose on the cylinder.
+const CUT: f64 = 0.105;
 
 /// A tube about the y-axis of two panels (`waistband_l`, `waistband_r`), `gap` [m] outside of
 /// [`cylinder`]; where it is `open` the second panel ends short of the first.
@@ -20,7 +24,7 @@ fn tube(gap: f64, open: bool) -> Garment {
             source.mesh.points.push(Vec3::new(r * turn.cos(), h * f64::from(row), -r * turn.sin()));
         }
     }
-    let side = std::f64::consts::TAU * RADIUS / f64::from(around);
+    let side = std::f64::consts::TAU * CUT / f64::from(around);
     for column in 0..around {
         for row in 0..rows {
             let at = |c: u32, r: u32| (row + r) * columns + (column + c) % columns;
@@ -137,7 +141,36 @@ fn a_tether_pulls_back_by_its_stiffness() {
     let moved: Vec<Vec3> =
         garment.groups.node_points(&garment.points).iter().map(|p| p - Vec3::y() * 1e-3).collect();
     let held = &hold.report(&moved)[0];
-    let area = std::f64::consts::TAU * RADIUS * 0.06;
+    let area = std::f64::consts::TAU * CUT * 0.06;
     assert!((held.force_n / (params.tether_stiffness * area * 1e-3) - 1.0).abs() < 1e-9, "{held:?}");
     assert!((held.moved_mean_m - 1e-3).abs() < 1e-12 && (held.moved_max_m - 1e-3).abs() < 1e-12);
+}
+
+/// How far a loose tube on a cylinder comes down in 6 undamped frames [m].
+fn slide(held: &[Band]) -> f64 {
+    let (garment, body) = (tube(4e-3, false), cylinder());
+    let input = Input {
+        garment: &garment,
+        points: &garment.points,
+        pattern: &garment.pattern,
+        colliders: &[&body],
+        layers: &[],
+        pinned: &[],
+        held,
+    };
+    let params = Drape { frames: 6, damping: 0.0, ..Drape::default() };
+    let out = crate::drape::run(&Device::cpu(), &input, &params).unwrap();
+    assert!(out.info.converged, "{:?}", out.info);
+    let mean = |points: &[Vec3]| points.iter().map(|p| p.y).sum::<f64>() / points.len() as f64;
+    mean(&garment.points) - mean(&out.points)
+}
+
+#[test]
+fn what_slides_off_by_itself_is_held_by_an_elastic_and_by_a_tether() {
+    let band = |kind| [Band { panels: vec![0, 1], kind, source_distance_m: 0.0 }];
+    let free = slide(&[]);
+    assert!(free > 0.1, "{free}"); // a free fall is 0.33 m
+    let (elastic, tether) = (slide(&band(Kind::Elastic)), slide(&band(Kind::Tether)));
+    // The elastic closes 2 mm before friction can act; the tether gives way to the weight.
+    assert!(elastic.abs() < 5e-3 && tether.abs() < 1e-3, "{elastic} {tether}");
 }
