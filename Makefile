@@ -111,8 +111,10 @@ test-dcc: $(VENV)/.built $(VENV)/.test-packages $(VENV_DCC)/.packages ## Against
 
 .PHONY: bench
 bench: $(VENV)/.built $(VENV)/.test-packages ## Benchmarks; with DRESSFORM_DATA, all pairs too.
-	@if compgen -G 'benches/*.rs' > /dev/null; then cargo bench --package dressform --locked; \
-		else echo "skipped: there is no Rust benchmark"; fi
+	@if [ -d "$${DRESSFORM_DATA:-}" ]; then \
+		mkdir -p $(OUT) && $(BIN)/python benches/meshes.py "$$DRESSFORM_DATA" $(OUT)/meshes.json; fi
+	DRESSFORM_MESHES=$(OUT)/meshes.json RAYON_NUM_THREADS=1 cargo bench --package dressform --locked
+	$(BIN)/python benches/transfer_speed.py $(OUT)/meshes.json
 	@if [ -d "$${DRESSFORM_DATA:-}" ]; then \
 		PATH="$(CURDIR)/$(BIN):$$PATH" $(BIN)/python benches/all_pairs.py "$$DRESSFORM_DATA" $(OUT)/pairs; \
 	else echo "skipped: the table over all pairs (DRESSFORM_DATA names no folder)"; fi

@@ -34,6 +34,7 @@ pub fn kernels() -> Vec<&'static device::Kernel> {
         solve::vector::KERNELS,
         solve::cg::KERNELS,
         solve::bsr::KERNELS,
+        solve::dense::KERNELS,
         transfer::KERNELS,
         drape::elastic::KERNELS,
         drape::contact::KERNELS,

@@ -11,7 +11,7 @@ use common::{Random, words};
 use dressform::device::{Device, Kernel};
 use dressform::solve::bsr::{BlockDiagonal, Bsr};
 use dressform::solve::cg::{Cg, CgInfo, CgParams};
-use dressform::solve::{bsr, cg, vector};
+use dressform::solve::{bsr, cg, dense, vector};
 
 /// Input for a kernel, and what must come out of it.
 struct Case {
@@ -211,6 +211,23 @@ fn block_multiply() -> Case {
     }
 }
 
+fn dense_multiply() -> Case {
+    let n = 150;
+    let mut random = Random::new(8);
+    let (matrix, x) = (random.vector(n * n), random.vector(n));
+    let row = |i: usize| {
+        let terms = (0..n).map(|j| f64::from(matrix[n * i + j]) * f64::from(x[j]));
+        (terms.clone().sum(), terms.map(f64::abs).sum())
+    };
+    Case {
+        invocations: n,
+        params: [n as u32, 0, 0, 0],
+        expected: vec![Expected { slot: 2, values: (0..n).map(row).collect() }],
+        buffers: vec![words(&matrix), words(&x), vec![0; n]],
+        ops: n + 1,
+    }
+}
+
 /// Cases by kernel.
 type Cases = [(&'static str, fn() -> Case)];
 
@@ -223,6 +240,7 @@ const CASES: &Cases = &[
     ("residual", residual),
     ("bsr_multiply", bsr_multiply),
     ("block_multiply", block_multiply),
+    ("dense_multiply", dense_multiply),
 ];
 
 fn check(device: &Device, kernel: &'static Kernel, case: &Case) {
@@ -248,7 +266,7 @@ fn check(device: &Device, kernel: &'static Kernel, case: &Case) {
 #[test]
 fn every_kernel_of_solve_agrees_with_f64() {
     let devices = common::devices("every_kernel_of_solve_agrees_with_f64");
-    for kernel in [vector::KERNELS, cg::KERNELS, bsr::KERNELS].concat() {
+    for kernel in [vector::KERNELS, cg::KERNELS, bsr::KERNELS, dense::KERNELS].concat() {
         let (_, case) = CASES
             .iter()
             .find(|(name, _)| *name == kernel.name)

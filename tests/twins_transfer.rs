@@ -75,8 +75,82 @@ fn residual() -> Case {
     }
 }
 
+/// Nodes 0 to 199 are relaxed and read only the others, as those of one colour do.
+fn relax() -> Case {
+    let (n, patterns, masses, relaxed) = (1500, 7, 90, 200);
+    let mut random = Random::new(14);
+    let mut neighbours = indices(&mut random, SLOTS * n, n - relaxed);
+    for (k, j) in neighbours.iter_mut().enumerate() {
+        let own = k / SLOTS < relaxed && k % SLOTS == 13;
+        *j = if own { (k / SLOTS) as u32 } else { *j + relaxed as u32 };
+    }
+    let rows =
+        (0..n as u32).flat_map(|i| [i % patterns, if i % 3 == 0 { i % masses } else { NONE }]).collect();
+    let mut blocks = random.vector(patterns as usize * SLOTS * 12);
+    blocks.iter_mut().skip(3).step_by(4).for_each(|padding| *padding = 0.0);
+    let order = (0..n as u32).rev().collect();
+    let [mass, inverse, b, x] =
+        [masses as usize * SLOTS, 9 * n, 3 * n, 3 * n].map(|n| words(&random.vector(n)));
+    Case {
+        invocations: relaxed,
+        params: [relaxed as u32, (n - relaxed) as u32, 0, 0],
+        buffers: vec![neighbours, rows, words(&blocks), mass, order, inverse, b, x],
+        written: 7,
+        // A row as in `stencil`, then three times an entry below 1.
+        bound: 3.0 * 2.0 * 110.0 * 110.0 * f32::EPSILON,
+    }
+}
+
+fn start() -> Case {
+    let (n, first) = (1500, 190);
+    let mut random = Random::new(15);
+    let order = (0..n as u32).map(|i| (7 * i) % n as u32).collect();
+    let [inverse, b] = [9 * n, 3 * n].map(|n| words(&random.vector(n)));
+    Case {
+        invocations: n,
+        params: [n as u32, first, 0, 0],
+        buffers: vec![order, inverse, b, vec![7; 3 * n]],
+        written: 3,
+        bound: 3.0 * 3.0 * f32::EPSILON,
+    }
+}
+
+fn restrict() -> Case {
+    let (coarse, fine) = (300, 1500);
+    let mut random = Random::new(16);
+    let mut children = indices(&mut random, 27 * coarse, fine);
+    children.iter_mut().step_by(4).for_each(|child| *child = NONE);
+    let [b, image] = [3 * fine, 3 * fine].map(|n| words(&random.vector(n)));
+    Case {
+        invocations: coarse,
+        params: [coarse as u32, 0, 0, 0],
+        buffers: vec![children, b, image, vec![7; 3 * coarse]],
+        written: 3,
+        bound: 2.0 * 28.0 * 16.0 * f32::EPSILON,
+    }
+}
+
+fn prolong() -> Case {
+    let (coarse, fine) = (300, 1500);
+    let mut random = Random::new(17);
+    let mut parents = indices(&mut random, 8 * fine, coarse);
+    parents.chunks_mut(8).step_by(5).for_each(|parents| parents.fill(NONE));
+    let [below, x] = [3 * coarse, 3 * fine].map(|n| words(&random.vector(n)));
+    Case {
+        invocations: fine,
+        params: [fine as u32, 0, 0, 0],
+        buffers: vec![parents, below, x],
+        written: 2,
+        bound: 9.0 * 2.0 * f32::EPSILON,
+    }
+}
+
 fn case_of(kernel: &Kernel) -> Case {
     match kernel.name {
+        "transfer_relax" => relax(),
+        "transfer_start" => start(),
+        "transfer_restrict" => restrict(),
+        "transfer_prolong" => prolong(),
         "transfer_stencil" => stencil(),
         "transfer_pressure" => pressure(),
         "transfer_residual" => residual(),

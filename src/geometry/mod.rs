@@ -6,6 +6,7 @@
 //!   device's twins, go through the same tree flattened ([`bvh`]).
 //! - [`winding`]: hierarchical winding numbers [Barill 2018], which tell inside from outside
 //!   also for surfaces with holes [Jacobson 2013].
+//! - [`patch`]: closest points and crossings for many points close together.
 //! - [`bulk`]: winding numbers and closest points of many queries at once, on a device.
 //! - [`intersect`]: exact triangle-triangle tests.
 //! - [`sdf`]: the narrow-band signed distance of paper section 5.1.
@@ -18,6 +19,7 @@
 pub mod bulk;
 pub mod bvh;
 pub mod intersect;
+pub mod patch;
 pub mod sdf;
 pub mod skin;
 pub mod skinning;
@@ -26,6 +28,7 @@ pub mod triangle;
 pub mod winding;
 
 pub use bvh::Node;
+pub use patch::Patch;
 pub use skin::{OuterSkin, outer_skin, submesh};
 pub use surface::{Closest, Hit, Surface};
 pub use winding::Moments;

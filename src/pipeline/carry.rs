@@ -69,13 +69,13 @@ pub(super) fn carry_all(
         notes.extend(found.note);
         let points: Vec<Vec3> =
             members.iter().flat_map(|&g| proxies[g].garment().points.iter().copied()).collect();
-        let gap = found.prepared.gap_near(&points);
+        let near = found.prepared.near(&points);
         let skin = unposed.as_ref().map(|u| OuterSkin::new(&u.character.body));
         for g in members {
             let garment = proxies[g].garment();
             let carried =
                 found.prepared.carry(device, &garment.points).map_err(|e| e.within(&garment.path))?;
-            let info = found.prepared.info(&carried, &gap);
+            let info = found.prepared.info(&carried, &near);
             let fitted = carried.points;
             let points = match unposed.as_ref().zip(skin.as_ref()) {
                 Some((unposed, skin)) => bring_back(unposed, skin, &proxies[g], &fitted, settings)?,

@@ -1,6 +1,6 @@
 //! Preconditioned conjugate gradients [Hestenes and Stiefel 1952; Saad 2003, alg. 9.1].
 //!
-//! The scalars stay on the device; the host reads them every [`CHECK`] iterations. The
+//! The scalars stay on the device; the host reads them every few iterations. The
 //! tolerance is on the preconditioned residual norm `sqrt(r . M^-1 r)`, relative to the
 //! right-hand side's.
 
@@ -10,7 +10,7 @@ use rayon::prelude::*;
 use super::vector::{Count, Dot};
 use crate::device::{Access, Buffer, Device, DeviceError, HostArgs, INDEX_WGSL, Kernel};
 
-/// Iterations between two looks at the residual.
+/// Iterations between two looks at the residual, if not told otherwise.
 const CHECK: usize = 8;
 /// Elements that an update kernel's CPU twin gives one task.
 const GRAIN: usize = 8192;
@@ -148,6 +148,7 @@ pub struct Cg {
     z: Buffer<f32>,
     p: Buffer<f32>,
     q: Buffer<f32>,
+    check: usize,
 }
 
 impl Cg {
@@ -163,7 +164,14 @@ impl Cg {
             z: device.zeros("cg preconditioned residual", n)?,
             p: device.zeros("cg direction", n)?,
             q: device.zeros("cg image", n)?,
+            check: CHECK,
         })
+    }
+
+    /// Looks at the residual after every `turns` iterations: each, where they are dear.
+    #[must_use]
+    pub fn looking_every(self, turns: usize) -> Cg {
+        Cg { check: turns.max(1), ..self }
     }
 
     /// Solves `A x = b` from the `x` given, with `M^-1` as preconditioner.
@@ -181,18 +189,61 @@ impl Cg {
         x: &Buffer<f32>,
         params: &CgParams,
     ) -> Result<CgInfo, DeviceError> {
-        let count = self.dot.count;
-        let n = b.len();
         // The right-hand side's norm sets the scale of the tolerance.
         m_inverse.apply(device, b, &self.z)?;
         let scale = self.dot.dot(device, b, &self.z)?.max(0.0).sqrt();
         if scale == 0.0 {
-            device.write(x, &vec![0.0; n])?;
+            device.write(x, &vec![0.0; b.len()])?;
             return Ok(CgInfo { iterations: 0, residual: 0.0, converged: true });
         }
         a.apply(device, x, &self.q)?;
-        device.run(&RESIDUAL, n, &count, &[b, &self.q, &self.r])?;
+        device.run(&RESIDUAL, b.len(), &self.dot.count, &[b, &self.q, &self.r])?;
         m_inverse.apply(device, &self.r, &self.z)?;
+        self.iterate(device, a, m_inverse, x, scale, params)
+    }
+
+    /// Solves `A x = b` from zero. Besides the account the norm `sqrt(b . M^-1 b)`, which the
+    /// tolerance is relative to. What the last iteration permitted leaves is not looked at:
+    /// that would cost one more application of the preconditioner.
+    ///
+    /// # Errors
+    /// A device's failure.
+    pub fn solve_from_zero(
+        &self,
+        device: &Device,
+        a: &dyn Operator,
+        m_inverse: &dyn Operator,
+        b: &Buffer<f32>,
+        x: &Buffer<f32>,
+        params: &CgParams,
+    ) -> Result<(CgInfo, f64), DeviceError> {
+        device.write(x, &vec![0.0; b.len()])?;
+        device.copy(b, &self.r)?;
+        m_inverse.apply(device, &self.r, &self.z)?;
+        let scale = self.dot.dot(device, b, &self.z)?.max(0.0).sqrt();
+        if scale == 0.0 {
+            return Ok((CgInfo { iterations: 0, residual: 0.0, converged: true }, 0.0));
+        }
+        let unseen = CgParams { max_iterations: params.max_iterations.saturating_sub(1), ..*params };
+        let mut info = self.iterate(device, a, m_inverse, x, scale, &unseen)?;
+        if !info.converged && info.iterations < params.max_iterations && info.residual.is_finite() {
+            self.advance(device, a, x)?;
+            info.iterations += 1;
+        }
+        Ok((info, scale))
+    }
+
+    /// Iterates from the residual in `r` and its preconditioned image in `z`.
+    fn iterate(
+        &self,
+        device: &Device,
+        a: &dyn Operator,
+        m_inverse: &dyn Operator,
+        x: &Buffer<f32>,
+        scale: f64,
+        params: &CgParams,
+    ) -> Result<CgInfo, DeviceError> {
+        let (n, count) = (x.len(), self.dot.count);
         device.copy(&self.z, &self.p)?;
         let rz = self.dot.dot(device, &self.r, &self.z)?;
         device.write(&self.scalars, &[Scalars { rz: rz as f32, ..Scalars::default() }])?;
@@ -202,25 +253,13 @@ impl Cg {
             if info.converged || info.iterations >= params.max_iterations || !info.residual.is_finite() {
                 return Ok(info);
             }
-            let turns = CHECK.min(params.max_iterations - info.iterations);
+            let turns = self.check.min(params.max_iterations - info.iterations);
             for _ in 0..turns {
-                a.apply(device, &self.p, &self.q)?;
-                self.dot.run(device, &self.p, &self.q)?;
-                device.run(
-                    &CG_ALPHA,
-                    1,
-                    &Count::new(self.dot.partials.len()),
-                    &[&self.dot.partials, &self.scalars],
-                )?;
-                device.run(&CG_ADVANCE, n, &count, &[&self.scalars, &self.p, &self.q, x, &self.r])?;
+                self.advance(device, a, x)?;
                 m_inverse.apply(device, &self.r, &self.z)?;
                 self.dot.run(device, &self.r, &self.z)?;
-                device.run(
-                    &CG_BETA,
-                    1,
-                    &Count::new(self.dot.partials.len()),
-                    &[&self.dot.partials, &self.scalars],
-                )?;
+                let partials = &self.dot.partials;
+                device.run(&CG_BETA, 1, &Count::new(partials.len()), &[partials, &self.scalars])?;
                 device.run(&CG_DIRECTION, n, &count, &[&self.scalars, &self.z, &self.p])?;
             }
             info.iterations += turns;
@@ -230,5 +269,14 @@ impl Cg {
                 return Ok(info); // not positive definite: x stands where curvature was lost
             }
         }
+    }
+
+    /// Moves `x` along the direction to where the error is smallest in `A`'s norm.
+    fn advance(&self, device: &Device, a: &dyn Operator, x: &Buffer<f32>) -> Result<(), DeviceError> {
+        a.apply(device, &self.p, &self.q)?;
+        self.dot.run(device, &self.p, &self.q)?;
+        let partials = &self.dot.partials;
+        device.run(&CG_ALPHA, 1, &Count::new(partials.len()), &[partials, &self.scalars])?;
+        device.run(&CG_ADVANCE, x.len(), &self.dot.count, &[&self.scalars, &self.p, &self.q, x, &self.r])
     }
 }

@@ -7,4 +7,5 @@
 pub mod bsr;
 pub mod cg;
 pub mod cholesky;
+pub mod dense;
 pub mod vector;

@@ -1,14 +1,15 @@
 //! Which cells are active: a narrow band outside of the body and a thin layer inside.
 //!
-//! Cells are sorted out in blocks of 8, 4, 2 and 1 to an edge. One distance at a block's
+//! Cells are sorted out in blocks of 8, 4 and 2 to an edge. One distance at a block's
 //! centre bounds the distances in the whole block, and one winding number settles the sign
-//! of a block that the surface does not enter, so few cells are asked one by one.
+//! of a block that the surface does not enter, so few cells are asked one by one; eight cells
+//! near the surface share a [`Patch`] of its triangles.
 
 use rayon::prelude::*;
 
-use super::boundary::is_inside;
+use super::boundary::{INSIDE, Sides};
 use super::domain::{Coordinates, Kind, Lattice};
-use crate::geometry::Surface;
+use crate::geometry::{Patch, Surface};
 use crate::model::Vec3;
 
 /// Depth of the layer of active cells inside of the body, in cells.
@@ -28,6 +29,10 @@ pub struct Active {
     pub kind: Kind,
     /// Whether the surface may cut it.
     pub cut: bool,
+    /// Distance of its centre from the surface [m]; infinite where it was not asked.
+    pub distance: f64,
+    /// Winding number at its centre.
+    pub winding: f64,
 }
 
 struct Query<'a> {
@@ -64,51 +69,76 @@ pub fn narrow_band(surface: &Surface, lattice: Lattice, band: f64, lo: &Vec3, hi
 }
 
 impl Query<'_> {
-    /// Sorts out the block of `size` cells an edge at `lo`; `inside` is its sign where known.
-    fn sort_out(&self, lo: Coordinates, size: i32, inside: Option<bool>, out: &mut Vec<Active>) {
+    /// Sorts out the block of `size` cells an edge at `lo`; `winding` is the number that it
+    /// has all over, where known.
+    fn sort_out(&self, lo: Coordinates, size: i32, winding: Option<f64>, out: &mut Vec<Active>) {
         let h = self.lattice.cell;
         let half = 0.5 * h * f64::from(size - 1);
         let centre = self.lattice.centre(lo) + Vec3::repeat(half);
         let reach = half * 3.0_f64.sqrt();
-        let Some(distance) = self.surface.closest_within(&centre, self.band + reach).map(|c| c.distance)
-        else {
+        let nearest = self.surface.closest_within(&centre, self.band.max(DEPTH * h) + reach);
+        let Some(distance) = nearest.map(|c| c.distance) else {
             return; // beyond the band, or deep inside
         };
-        if size == 1 {
-            return self.single(lo, &centre, distance, inside, out);
-        }
         // The surface does not enter a block that is farther from it than the block reaches.
-        let sign = inside.or_else(|| (distance > reach).then(|| is_inside(self.surface, &centre)));
-        if distance > reach + DEPTH * h {
-            if sign == Some(true) {
+        let apart = distance > reach;
+        let winding = winding.or_else(|| apart.then(|| self.surface.winding_number(&centre)));
+        if let (Some(winding), true) = (winding, distance > reach + DEPTH * h) {
+            if winding.abs() > INSIDE {
                 return;
             }
             if distance + reach < self.band {
-                for_block(lo, size, 1, |cell| out.push(Active { cell, kind: Kind::Open, cut: false }));
+                let distance = f64::INFINITY;
+                let active = |cell| Active { cell, kind: Kind::Open, cut: false, distance, winding };
+                for_block(lo, size, 1, |cell| out.push(active(cell)));
                 return;
             }
         }
-        for_block(lo, size, size / 2, |lo| self.sort_out(lo, size / 2, sign, out));
+        if size == 2 {
+            self.sort_out_eight(lo, &centre, distance, winding, out);
+        } else {
+            for_block(lo, size, size / 2, |lo| self.sort_out(lo, size / 2, winding, out));
+        }
     }
 
-    fn single(
+    /// Sorts out the cells of a block of two an edge, `distance` away at its `centre`.
+    fn sort_out_eight(
         &self,
-        cell: Coordinates,
+        lo: Coordinates,
         centre: &Vec3,
         distance: f64,
-        inside: Option<bool>,
+        winding: Option<f64>,
         out: &mut Vec<Active>,
     ) {
+        let surface = self.surface;
+        let patch = Patch::new(surface, centre, distance, CUT * self.lattice.cell);
+        let sides = match winding {
+            Some(_) => None,
+            None => Some(Sides {
+                surface,
+                patch: &patch,
+                centre: *centre,
+                winding: surface.winding_number(centre),
+            }),
+        };
+        for_block(lo, 2, 1, |cell| {
+            let p = self.lattice.centre(cell);
+            let distance = patch.closest(&p).distance;
+            let found = sides.as_ref().map_or_else(|| winding.unwrap_or(0.0), |sides| sides.winding(&p));
+            if let Some((kind, cut)) = self.judge(distance, found.abs() > INSIDE) {
+                out.push(Active { cell, kind, cut, distance, winding: found });
+            }
+        });
+    }
+
+    /// Kind of the cell with its centre `distance` away and whether it is cut, if it is active.
+    fn judge(&self, distance: f64, inside: bool) -> Option<(Kind, bool)> {
         let h = self.lattice.cell;
-        if distance <= CUT * h {
-            out.push(Active { cell, kind: Kind::Open, cut: true });
-            return;
-        }
-        let inside = inside.unwrap_or_else(|| is_inside(self.surface, centre));
-        if inside && distance < DEPTH * h {
-            out.push(Active { cell, kind: Kind::Deep, cut: false });
-        } else if !inside && distance < self.band {
-            out.push(Active { cell, kind: Kind::Open, cut: false });
+        match inside {
+            _ if distance <= CUT * h => Some((Kind::Open, true)),
+            true if distance < DEPTH * h => Some((Kind::Deep, false)),
+            false if distance < self.band => Some((Kind::Open, false)),
+            _ => None,
         }
     }
 }

@@ -12,29 +12,31 @@
 
 use rayon::prelude::*;
 
-use super::domain::{Domain, NONE};
+use super::activity::Active;
+use super::domain::Domain;
 use super::element;
-use super::stencil::{SLOTS, slot};
-use crate::geometry::Surface;
+use crate::geometry::{Patch, Surface};
 use crate::model::Vec3;
 
 /// Winding number from which a point counts as inside.
 pub const INSIDE: f64 = 0.5;
 
+/// The boundary's mass between the nodes of a cell, the same for each component.
+pub type Mass = [[f64; 8]; 8];
+
 /// The boundary condition's part of the system.
 #[derive(Clone, Debug, Default)]
 pub struct Boundary {
-    /// Row of `mass` that a node has, [`NONE`] where it has none; empty without a boundary.
-    pub row_of_node: Vec<u32>,
-    /// Couplings of a node to its 27 neighbours.
-    pub mass: Vec<[f64; SLOTS]>,
+    /// Cells that hold quadrature points, ascending, and the mass of each.
+    pub masses: Vec<(u32, Mass)>,
     /// Load on each node, shape `[nodes, 3]`; empty without a boundary.
     pub load: Vec<Vec3>,
 }
 
 /// A quadrature point: where it is evaluated, and the displacement asked for.
+#[derive(Clone)]
 struct Point {
-    cell: usize,
+    cell: u32,
     local: [f64; 3],
     displacement: Vec3,
 }
@@ -45,7 +47,7 @@ pub fn is_inside(surface: &Surface, p: &Vec3) -> bool {
 }
 
 impl Boundary {
-    /// Integrates over the `cut` cells (indices into the domain's).
+    /// Integrates over the cells that the surface may cut; `active` holds the domain's cells.
     ///
     /// `displacement` is asked for at the surface's vertices [m]; `beta` is the penalty,
     /// `quadrature` the number of points along an axis.
@@ -53,40 +55,37 @@ impl Boundary {
         domain: &Domain,
         surface: &Surface,
         displacement: &[Vec3],
-        cut: &[u32],
+        active: &[Active],
         beta: f64,
         quadrature: usize,
     ) -> Boundary {
-        let points: Vec<Vec<Point>> = cut
+        let points: Vec<Vec<Point>> = active
             .par_iter()
-            .map(|&cell| cell_points(domain, surface, displacement, cell as usize, quadrature))
+            .with_min_len(64)
+            .filter(|active| active.cut)
+            .map(|active| cell_points(domain, surface, displacement, active, quadrature))
             .collect();
+        let mut points = points.concat();
+        points.sort_by_key(|point| point.cell); // stable: sums keep their order
         let weight = beta * (domain.lattice.cell / quadrature as f64).powi(3);
-        let mut boundary = Boundary {
-            row_of_node: vec![NONE; domain.nodes.len()],
-            mass: Vec::new(),
-            load: vec![Vec3::zeros(); domain.nodes.len()],
-        };
-        for point in points.iter().flatten() {
+        let mut boundary = Boundary { masses: Vec::new(), load: vec![Vec3::zeros(); domain.nodes.len()] };
+        for point in &points {
             boundary.add(domain, point, weight);
         }
         boundary
     }
 
     fn add(&mut self, domain: &Domain, point: &Point, weight: f64) {
+        if self.masses.last().is_none_or(|(cell, _)| *cell != point.cell) {
+            self.masses.push((point.cell, Mass::default()));
+        }
+        let mass = &mut self.masses.last_mut().expect("just pushed").1;
         let shape = element::shape(point.local);
-        let nodes = &domain.cell_nodes[point.cell];
-        for a in 0..8 {
-            let node = nodes[a] as usize;
-            if self.row_of_node[node] == NONE {
-                self.row_of_node[node] = self.mass.len() as u32;
-                self.mass.push([0.0; SLOTS]);
-            }
-            let row = &mut self.mass[self.row_of_node[node] as usize];
+        for (a, &node) in domain.cell_nodes[point.cell as usize].iter().enumerate() {
             for b in 0..8 {
-                row[slot(a, b)] += weight * shape[a] * shape[b];
+                mass[a][b] += weight * shape[a] * shape[b];
             }
-            self.load[node] += point.displacement * (weight * shape[a]);
+            self.load[node as usize] += point.displacement * (weight * shape[a]);
         }
     }
 }
@@ -95,42 +94,51 @@ fn cell_points(
     domain: &Domain,
     surface: &Surface,
     displacement: &[Vec3],
-    cell: usize,
+    active: &Active,
     quadrature: usize,
 ) -> Vec<Point> {
     let h = domain.lattice.cell;
-    let corner = domain.lattice.centre(domain.cells[cell]) - Vec3::repeat(0.5 * h);
-    let along = |i: usize| (i as f64 + 0.5) * h / quadrature as f64;
-    let mut known = Vec::with_capacity(quadrature.pow(3));
+    let centre = domain.lattice.centre(active.cell);
+    let along = |i: usize| ((i as f64 + 0.5) / quadrature as f64 - 0.5) * h;
+    let radius = along(0).abs() * 3.0_f64.sqrt();
+    let patch = Patch::new(surface, &centre, active.distance, radius);
+    let sides = Sides { surface, patch: &patch, centre, winding: active.winding };
     (0..quadrature.pow(3))
         .filter_map(|k| {
             let (i, j, l) = (k / (quadrature * quadrature), k / quadrature % quadrature, k % quadrature);
-            let p = corner + Vec3::new(along(i), along(j), along(l));
-            let closest = surface.closest(&p);
+            let p = centre + Vec3::new(along(i), along(j), along(l));
+            let closest = patch.closest(&p);
             let triangle = surface.mesh().triangles[closest.triangle as usize];
             let wanted: Vec3 =
                 (0..3).map(|c| displacement[triangle[c] as usize] * closest.barycentric[c]).sum();
-            let inside = side(surface, &p, closest.distance, &mut known);
-            let at = if inside { p } else { closest.point };
+            let at = if sides.is_inside(&p) { p } else { closest.point };
             // A surface point lies in a cell that the surface cuts, and those are active.
             let (cell, local) = domain.locate(&at)?;
-            Some(Point { cell, local, displacement: wanted })
+            Some(Point { cell: cell as u32, local, displacement: wanted })
         })
         .collect()
 }
 
-/// A point whose side is known: no surface within `distance` of it.
-struct Known {
-    point: Vec3,
-    distance: f64,
-    inside: bool,
+/// Tells the sides of points near a centre whose side is known: a closed surface changes its
+/// winding number only where it is crossed.
+pub(super) struct Sides<'a> {
+    pub surface: &'a Surface,
+    /// Covers the points that are asked for.
+    pub patch: &'a Patch<'a>,
+    pub centre: Vec3,
+    /// The centre's winding number.
+    pub winding: f64,
 }
 
-/// Whether `p`, `distance` away from the surface, is inside. Two points share their side
-/// where the surface does not come between them: that saves half of the winding numbers.
-fn side(surface: &Surface, p: &Vec3, distance: f64, known: &mut Vec<Known>) -> bool {
-    let shared = known.iter().find(|k| (k.point - p).norm() < k.distance.max(distance));
-    let inside = shared.map_or_else(|| is_inside(surface, p), |k| k.inside);
-    known.push(Known { point: *p, distance, inside });
-    inside
+impl Sides<'_> {
+    /// The winding number at `p`.
+    pub fn winding(&self, p: &Vec3) -> f64 {
+        let change = self.surface.is_closed().then(|| self.patch.winding_change(&self.centre, p)).flatten();
+        change.map_or_else(|| self.surface.winding_number(p), |change| self.winding + f64::from(change))
+    }
+
+    /// As [`is_inside`].
+    pub fn is_inside(&self, p: &Vec3) -> bool {
+        self.winding(p).abs() > INSIDE
+    }
 }

@@ -8,37 +8,45 @@
 //! ```
 //!
 //! for the increment, so that `f32` on the device suffices. Where cells expand, `q` takes
-//! back all of the volume term's stiffness, and the plain loop contracts by 3/4 at worst:
-//! Anderson's combination of the last iterates [Walker and Ni 2011] halves the number of
-//! iterations. Converged means: no node of the last increment moves further than the
-//! tolerance, and every linear solve reached its own.
+//! back all of the volume term's stiffness, and the plain loop contracts by 3/4 at worst.
+//! [`Anderson`]'s combination of the last iterates makes up for that, and for what a linear
+//! solve leaves as well: so each increment is given a single conjugate gradient iteration
+//! with a multigrid cycle ([`super::multigrid`]), and 5 to 8 of them do for all.
+//!
+//! A cycle comes within a third of the exact inverse, so the increment of the whole residual
+//! tells how far the solution is: converged means that none moves a node further than the
+//! tolerance. With [`Params::exact`] the residual itself decides, in `f64` ([`super::exact`]).
 
-use nalgebra::{DMatrix, DVector};
 use serde::{Deserialize, Serialize};
 
 use super::Params;
+use super::anderson::Anderson;
 use super::boundary::Boundary;
 use super::domain::{Domain, Kind};
 use super::element;
-use super::stencil::{Elements, Extent, Stencil};
+use super::exact::{self, Exact};
+use super::multigrid::Multigrid;
+use super::stencil::{Extent, Stencil};
+use super::terms::Terms;
 use super::volume::{PRESSURE, RESIDUAL};
 use crate::device::{Buffer, Device, DeviceError};
 use crate::model::Vec3;
 use crate::solve::cg::{Cg, CgParams, Operator};
 
-/// Iterates that Anderson's acceleration combines.
-const DEPTH: usize = 5;
+/// Iterations of a tight solve: each gains a factor of about 2.5.
+const EXACT_ITERATIONS: usize = 100;
 
 /// What the inner loop did.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub struct InnerInfo {
-    /// Conjugate gradient iterations of each linear solve.
+    /// Conjugate gradient iterations for each increment.
     pub cg_iterations: Vec<usize>,
     /// Farthest that a node moved in each iteration [m].
     pub changes_m: Vec<f64>,
-    /// Relative residual of the last linear solve.
-    pub cg_residual: f64,
-    /// Whether the last change is below the tolerance and all linear solves converged.
+    /// Residual before each iteration, relative to the first, in the norm of the multigrid
+    /// cycle; of an exact solve in the Euclidean norm, with the final one.
+    pub residuals: Vec<f64>,
+    /// Whether the last change is below the tolerance (of an exact solve: the residual is).
     pub converged: bool,
 }
 
@@ -71,7 +79,9 @@ impl Field {
 pub struct Problem<'a> {
     device: &'a Device,
     params: &'a Params,
+    exact: Option<Exact<'a>>,
     stencil: Stencil,
+    multigrid: Multigrid,
     cg: Cg,
     cell_nodes: Buffer<[u32; 8]>,
     node_cells: Buffer<[u32; 8]>,
@@ -84,6 +94,7 @@ pub struct Problem<'a> {
     increment: Buffer<f32>,
     nodes: usize,
     cells: usize,
+    cell: f64,
 }
 
 impl<'a> Problem<'a> {
@@ -95,12 +106,12 @@ impl<'a> Problem<'a> {
     pub fn new(
         device: &'a Device,
         params: &'a Params,
-        domain: &Domain,
-        boundary: &Boundary,
-        fixed: &[bool],
+        domain: &'a Domain,
+        boundary: &'a Boundary,
+        fixed: &'a [bool],
         start: &[Vec3],
     ) -> Result<Problem<'a>, DeviceError> {
-        let elements = Elements::new(params.cell, params.nu, params.gamma);
+        let terms = Terms::new(domain, params.nu, params.gamma, boundary);
         let (nodes, cells) = (domain.nodes.len(), domain.cells.len());
         let is_fixed = |i: usize| fixed.get(i) == Some(&true);
         // A fixed node's row is the identity: with its value as load its residual is zero.
@@ -113,8 +124,10 @@ impl<'a> Problem<'a> {
         Ok(Problem {
             device,
             params,
-            stencil: Stencil::new(device, domain, &elements, boundary, fixed)?,
-            cg: Cg::new(device, 3 * nodes)?,
+            exact: params.exact.then(|| Exact::new(params, domain, boundary, fixed)),
+            stencil: Stencil::new(device, domain, &terms, fixed)?,
+            multigrid: Multigrid::new(device, domain, &terms, fixed)?,
+            cg: Cg::new(device, 3 * nodes)?.looking_every(1),
             cell_nodes: device.upload("transfer cell nodes", &domain.cell_nodes)?,
             node_cells: device.upload("transfer node cells", &node_cells)?,
             open: device.upload("transfer open cells", &open)?,
@@ -126,6 +139,7 @@ impl<'a> Problem<'a> {
             increment: device.zeros("transfer increment", 3 * nodes)?,
             nodes,
             cells,
+            cell: domain.lattice.cell,
         })
     }
 
@@ -134,40 +148,64 @@ impl<'a> Problem<'a> {
     /// # Errors
     /// A device's failure.
     pub fn solve(&self, u: &mut [Vec3]) -> Result<InnerInfo, DeviceError> {
+        if let Some(exact) = &self.exact {
+            return self.solve_exactly(exact, u);
+        }
         let mut info = InnerInfo::default();
         let mut acceleration = Anderson::default();
-        let mut solved = true;
+        let mut first = 0.0;
         for turn in 0..self.params.inner_iterations {
             // The first turn is linear, as if the volume had not changed yet.
-            let step = self.picard(u, turn > 0, &mut info, &mut solved)?;
+            self.find_residual(u, turn > 0)?;
+            let (step, norm) = self.increment(&mut info)?;
+            if turn == 0 {
+                first = norm;
+            }
+            info.residuals.push(if first > 0.0 { norm / first } else { 0.0 });
             let change = step.iter().map(|d| d.norm()).fold(0.0, f64::max);
             info.changes_m.push(change);
             if !change.is_finite() {
                 return Ok(info);
             }
-            if change <= self.params.inner_tolerance {
-                u.iter_mut().zip(&step).for_each(|(u, d)| *u += d);
-                info.converged = solved;
-                return Ok(info);
-            }
+            info.converged = change <= self.params.inner_tolerance;
             acceleration.advance(u, step, turn > 0);
+            if info.converged {
+                break;
+            }
         }
         Ok(info)
     }
 
-    /// The increment of one iteration.
-    fn picard(
-        &self,
-        u: &[Vec3],
-        bias: bool,
-        info: &mut InnerInfo,
-        solved: &mut bool,
-    ) -> Result<Vec<Vec3>, DeviceError> {
+    fn solve_exactly(&self, exact: &Exact<'_>, u: &mut [Vec3]) -> Result<InnerInfo, DeviceError> {
+        let mut info = InnerInfo::default();
+        let mut acceleration = Anderson::default();
+        let mut first = 0.0;
+        for turn in 0..=EXACT_ITERATIONS {
+            let residual = exact.residual(u);
+            let norm = residual.iter().map(Vec3::norm_squared).sum::<f64>().sqrt();
+            if turn == 0 {
+                first = norm;
+            }
+            info.residuals.push(if first > 0.0 { norm / first } else { 0.0 });
+            info.converged = norm <= exact::TOLERANCE * first;
+            if info.converged || !norm.is_finite() || turn == EXACT_ITERATIONS {
+                break;
+            }
+            self.device.write(&self.residual, &flat(&residual))?;
+            let (step, _) = self.increment(&mut info)?;
+            info.changes_m.push(step.iter().map(|d| d.norm()).fold(0.0, f64::max));
+            acceleration.advance(u, step, true);
+        }
+        Ok(info)
+    }
+
+    /// Leaves `f - S u + B^T q(u)` in `residual`, `q` being zero without `bias`.
+    fn find_residual(&self, u: &[Vec3], bias: bool) -> Result<(), DeviceError> {
         let (device, p) = (self.device, self.params);
         let extent = |n: usize, coefficient: f64| Extent {
             n: n as u32,
             coefficient: coefficient as f32,
-            second: p.cell as f32,
+            second: self.cell as f32,
             pad: 0,
         };
         device.write(&self.u, &flat(u))?;
@@ -181,79 +219,27 @@ impl<'a> Problem<'a> {
                 &[&self.cell_nodes, &self.open, &self.u, &self.pressure],
             )?;
         }
-        let quarter_face = extent(self.nodes, 0.25 * p.cell * p.cell);
+        let quarter_face = extent(self.nodes, 0.25 * self.cell * self.cell);
         let buffers: [&dyn crate::device::AnyBuffer; 5] =
             [&self.node_cells, &self.load, &self.image, &self.pressure, &self.residual];
-        device.run(&RESIDUAL, self.nodes, &quarter_face, &buffers)?;
-        device.write(&self.increment, &vec![0.0; 3 * self.nodes])?;
+        device.run(&RESIDUAL, self.nodes, &quarter_face, &buffers)
+    }
+
+    /// The increment for what stands in `residual`, and the residual's norm.
+    fn increment(&self, info: &mut InnerInfo) -> Result<(Vec<Vec3>, f64), DeviceError> {
+        let (device, p) = (self.device, self.params);
         let limits = CgParams { tolerance: p.cg_tolerance, max_iterations: p.cg_iterations };
-        let inverse = &self.stencil.diagonal_inverse;
-        let cg = self.cg.solve(device, &self.stencil, inverse, &self.residual, &self.increment, &limits)?;
+        let cycle = self.multigrid.over(&self.stencil);
+        let (residual, increment) = (&self.residual, &self.increment);
+        let (cg, norm) =
+            self.cg.solve_from_zero(device, &self.stencil, &cycle, residual, increment, &limits)?;
         info.cg_iterations.push(cg.iterations);
-        info.cg_residual = cg.residual;
-        *solved &= cg.converged;
-        let d = device.read(&self.increment)?;
-        Ok(d.chunks_exact(3).map(|d| Vec3::new(d[0].into(), d[1].into(), d[2].into())).collect())
+        let d = device.read(increment)?;
+        let d = d.chunks_exact(3).map(|d| Vec3::new(d[0].into(), d[1].into(), d[2].into()));
+        Ok((d.collect(), norm))
     }
 }
 
 fn flat(u: &[Vec3]) -> Vec<f32> {
     u.iter().flat_map(|u| [u.x as f32, u.y as f32, u.z as f32]).collect()
-}
-
-/// Anderson's acceleration of a fixed point, type II.
-#[derive(Default)]
-struct Anderson {
-    iterates: Vec<Vec<Vec3>>,
-    steps: Vec<Vec<Vec3>>,
-}
-
-impl Anderson {
-    /// Moves `u` on by `step`, corrected by what the last iterates teach; `remember` is
-    /// false for a step that is not the fixed point's own.
-    fn advance(&mut self, u: &mut [Vec3], step: Vec<Vec3>, remember: bool) {
-        if !remember {
-            u.iter_mut().zip(&step).for_each(|(u, d)| *u += d);
-            return;
-        }
-        let weights = self.weights(&step);
-        let last = u.to_vec();
-        for i in 0..u.len() {
-            let mut next = last[i] + step[i];
-            for (k, w) in weights.iter().enumerate() {
-                let (from, found) = (self.iterates[k][i], self.steps[k][i]);
-                next -= ((last[i] + step[i]) - (from + found)) * *w;
-            }
-            u[i] = next;
-        }
-        if self.steps.len() == DEPTH {
-            self.iterates.remove(0);
-            self.steps.remove(0);
-        }
-        self.iterates.push(last);
-        self.steps.push(step);
-    }
-
-    /// Weights that make `step - sum w (step - step_k)` smallest.
-    fn weights(&self, step: &[Vec3]) -> Vec<f64> {
-        let n = self.steps.len();
-        let difference = |k: usize, i: usize| step[i] - self.steps[k][i];
-        let mut normal = DMatrix::zeros(n, n);
-        let mut right = DVector::zeros(n);
-        for i in 0..step.len() {
-            for k in 0..n {
-                let d = difference(k, i);
-                right[k] += d.dot(&step[i]);
-                for l in k..n {
-                    normal[(k, l)] += d.dot(&difference(l, i));
-                }
-            }
-        }
-        normal.fill_lower_triangle_with_upper_triangle();
-        let scale = normal.diagonal().max();
-        for k in 0..n {
-            normal[(k, k)] += 1e-10 * scale;
-        }
-        normal.cholesky().map_or_else(|| vec![0.0; n], |c| c.solve(&right).as_slice().to_vec())
-    }
 }

@@ -3,7 +3,7 @@
 use super::activity::{Active, narrow_band};
 use super::align::Motion;
 use super::boundary::Boundary;
-use super::domain::{Domain, Lattice};
+use super::domain::{Domain, Kind, Lattice, NONE};
 use super::field::{Field, InnerInfo, Problem};
 use super::gap::Gap;
 use super::prepared::{Course, Drift, Flow, Prepared, Skin, Step};
@@ -71,14 +71,16 @@ impl Body<'_> {
         // No look at the gap beforehand: a body that is already there passes through the
         // same solve as any other.
         while inner.len() < params.outer_iterations {
-            let (step, info) = self.solve(device, params, inner.len() + 1)?;
+            let turn = Turn::new(params, inner.len());
+            let (step, info) = self.solve(device, params, &turn)?;
             let mut next = self.drift.clone();
             step.advect(device, flow, &self.skin.triangles, &mut next)?;
             let gap = self.gap(&next.points).p99;
             inner.push(info);
             gaps.push(gap);
             let reached = gap <= params.gap_p99;
-            let stalled = gap > STALLED * last;
+            // Finer cells may close what coarse ones could not.
+            let stalled = gap > STALLED * last && inner.len() > params.coarse_iterations;
             if reached || gap < last {
                 self.drift = next;
                 last = gap;
@@ -92,23 +94,21 @@ impl Body<'_> {
         Ok((steps, Course { inner, gaps, stop: Stop::Limit }))
     }
 
-    /// The flow of outer iteration `turn` (from 1), from where the body is now.
-    fn solve(&self, device: &Device, params: &Params, turn: usize) -> Result<(Step, InnerInfo), Error> {
+    /// The flow of an outer iteration, from where the body is now.
+    fn solve(&self, device: &Device, params: &Params, turn: &Turn) -> Result<(Step, InnerInfo), Error> {
         let surface = Surface::new(self.skin.mesh(&self.drift.points));
-        let (domain, active) = band(&surface, params, turn)?;
-        let cut: Vec<u32> = (0..active.len() as u32).filter(|&i| active[i as usize].cut).collect();
+        let (domain, active) = turn.band(&surface)?;
         let targets = self.skin.of(self.target);
         let displacement: Vec<Vec3> =
             surface.mesh().points.iter().zip(&targets).map(|(p, q)| q - p).collect();
-        let beta = if turn == 1 { params.beta } else { params.beta * params.stiffening };
-        let boundary = Boundary::new(&domain, &surface, &displacement, &cut, beta, params.quadrature);
+        let boundary = Boundary::new(&domain, &surface, &displacement, &active, turn.beta, params.quadrature);
+        let fixed = if turn.closing { rim(&domain, &active) } else { Vec::new() };
         let mut u = vec![Vec3::zeros(); domain.nodes.len()];
-        let problem = Problem::new(device, params, &domain, &boundary, &[], &u)?;
-        let info = problem.solve(&mut u)?;
+        let info = Problem::new(device, params, &domain, &boundary, &fixed, &u)?.solve(&mut u)?;
         if !u.iter().all(|u| u.iter().all(|c| c.is_finite())) {
-            return Err(Error::Diverged { outer: turn });
+            return Err(Error::Diverged { outer: turn.number });
         }
-        Ok((Step::new(Field { domain, displacement: u }, surface), info))
+        Ok((Step::new(Field { domain, displacement: u }, surface, turn.closing), info))
     }
 
     /// The gap of the outer skin with the body's points at `points`.
@@ -117,14 +117,47 @@ impl Body<'_> {
     }
 }
 
-/// The narrow band around `surface` in outer iteration `turn`.
-fn band(surface: &Surface, params: &Params, turn: usize) -> Result<(Domain, Vec<Active>), Error> {
-    let (lo, hi) = surface.mesh().bounds().ok_or(Error::Empty)?;
-    let origin = lo.add_scalar(-params.cell * SHIFTS[turn % SHIFTS.len()]);
-    let lattice = Lattice { origin, cell: params.cell };
-    let margin = 2.0 * params.band;
-    Domain::check_size((hi - lo).add_scalar(margin) / params.cell)?;
-    let active = narrow_band(surface, lattice, params.band, &lo, &hi);
-    let cells = active.iter().map(|a| (a.cell, a.kind)).collect();
-    Ok((Domain::new(lattice, cells)?, active))
+/// What one outer iteration is solved with.
+struct Turn {
+    /// From 1.
+    number: usize,
+    closing: bool,
+    cell: f64,
+    band: f64,
+    beta: f64,
+}
+
+impl Turn {
+    /// After `done` iterations. A closing one keeps `beta h^2 / nu`.
+    fn new(params: &Params, done: usize) -> Turn {
+        let closing = done >= params.coarse_iterations;
+        let refinement = if closing { params.refinement } else { 1.0 };
+        let stiffening = if done == 0 { 1.0 } else { params.stiffening };
+        Turn {
+            number: done + 1,
+            closing,
+            cell: params.cell / refinement,
+            band: if closing { params.closing_band } else { params.band },
+            beta: params.beta * stiffening * refinement * refinement,
+        }
+    }
+
+    /// The narrow band around `surface`.
+    fn band(&self, surface: &Surface) -> Result<(Domain, Vec<Active>), Error> {
+        let (lo, hi) = surface.mesh().bounds().ok_or(Error::Empty)?;
+        let origin = lo.add_scalar(-self.cell * SHIFTS[self.number % SHIFTS.len()]);
+        let lattice = Lattice { origin, cell: self.cell };
+        Domain::check_size((hi - lo).add_scalar(2.0 * self.band) / self.cell)?;
+        let active = narrow_band(surface, lattice, self.band, &lo, &hi);
+        let cells = active.iter().map(|a| (a.cell, a.kind)).collect();
+        Ok((Domain::new(lattice, cells)?, active))
+    }
+}
+
+/// Nodes at the outer edge of a band: next to a missing cell, and to none near the surface.
+fn rim(domain: &Domain, active: &[Active]) -> Vec<bool> {
+    let far =
+        |cell: u32| cell == NONE || (domain.kinds[cell as usize] == Kind::Open && !active[cell as usize].cut);
+    let rim = |cells: &[u32; 8]| cells.contains(&NONE) && cells.iter().all(|&cell| far(cell));
+    domain.node_cells.iter().map(rim).collect()
 }

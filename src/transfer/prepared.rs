@@ -14,6 +14,7 @@ use super::align::Motion;
 use super::boundary::is_inside;
 use super::extension::extend;
 use super::field::{Field, InnerInfo};
+use super::folds::{self, Fold};
 use super::gap::{Gap, near};
 use super::{Error, Info, Params, Stop, finite};
 use crate::device::Device;
@@ -73,20 +74,23 @@ pub(super) struct Step {
     pub field: Field,
     /// The skin's points at its start [m].
     pub skin: Vec<Vec3>,
+    /// Whether it only closes what the steps before left: its field ends in zero at the rim
+    /// of its band, and what lies beyond stays where it is.
+    pub closing: bool,
     surface: OnceLock<Surface>,
 }
 
 impl Step {
-    pub fn new(field: Field, surface: Surface) -> Step {
-        Step { field, skin: surface.mesh().points.clone(), surface: surface.into() }
+    pub fn new(field: Field, surface: Surface, closing: bool) -> Step {
+        Step { field, skin: surface.mesh().points.clone(), closing, surface: surface.into() }
     }
 
     /// As read from a file: the surface is made when it is asked for.
-    pub fn stored(field: Field, skin: Vec<Vec3>) -> Step {
-        Step { field, skin, surface: OnceLock::new() }
+    pub fn stored(field: Field, skin: Vec<Vec3>, closing: bool) -> Step {
+        Step { field, skin, closing, surface: OnceLock::new() }
     }
 
-    /// Moves points along with the field and its extension to them.
+    /// Moves points along with the field and, unless it is closing, its extension to them.
     pub fn advect(
         &self,
         device: &Device,
@@ -94,6 +98,15 @@ impl Step {
         skin: &[[u32; 3]],
         drift: &mut Drift,
     ) -> Result<(), Error> {
+        if self.closing {
+            for (p, gradient) in drift.points.iter_mut().zip(&mut drift.gradient) {
+                if let Some((u, slope)) = self.field.sample(p) {
+                    *p += u;
+                    *gradient = (Matrix3::identity() + slope) * *gradient;
+                }
+            }
+            return Ok(());
+        }
         let surface = || {
             self.surface
                 .get_or_init(|| Surface::new(TriMesh { points: self.skin.clone(), triangles: skin.to_vec() }))
@@ -150,6 +163,15 @@ pub struct Prepared {
     pub(super) target_surface: OnceLock<Surface>,
 }
 
+/// How the skin near an outfit met the target.
+#[derive(Clone, Debug)]
+pub struct Near {
+    /// Distance of the moved skin from the target's.
+    pub gap: Gap,
+    /// Where the target's skin folds and the gap was not closed for it.
+    pub folds: Vec<Fold>,
+}
+
 /// A garment that was carried.
 #[derive(Clone, Debug)]
 pub struct Carried {
@@ -195,10 +217,7 @@ impl Prepared {
         for step in &self.flow.steps {
             step.advect(device, &self.flow, &self.skin.triangles, &mut drift)?;
         }
-        let target = self.target_surface.get_or_init(|| {
-            let (points, triangles) = (self.target_skin.clone(), self.skin.triangles.clone());
-            Surface::new(TriMesh { points, triangles })
-        });
+        let target = self.target_surface();
         Ok(Carried {
             extra_cells: drift.extra_cells,
             cg_iterations: drift.cg_iterations,
@@ -209,21 +228,44 @@ impl Prepared {
         })
     }
 
-    /// The gap of the outer skin within [`Params::near`] of any point of an outfit (its
-    /// garments' points on the source body [m]); of all the skin without points.
-    pub fn gap_near(&self, garments: &[Vec3]) -> Gap {
+    /// How the outer skin within [`Params::near`] of any point of an outfit (its garments'
+    /// points on the source body [m]) met the target; all of the skin without points.
+    pub fn near(&self, garments: &[Vec3]) -> Near {
         let mut weights = self.areas.clone();
         if !garments.is_empty() {
             let close = near(&self.source_skin, garments, self.flow.params.near);
             weights.iter_mut().zip(close).filter(|(_, close)| !close).for_each(|(w, _)| *w = 0.0);
         }
-        self.gap(&weights)
+        Near { gap: self.gap(&weights), folds: self.folds(&weights) }
     }
 
-    /// The account of one garment; `gap` is that near the outfit, from [`Prepared::gap_near`].
-    pub fn info(&self, carried: &Carried, gap: &Gap) -> Info {
-        let course = &self.course;
-        let band_cells = self.flow.steps.last().map_or(0, |step| step.field.domain.cells.len());
+    /// Where the skin of positive weight folds and the gap was not closed for it.
+    fn folds(&self, weights: &[f64]) -> Vec<Fold> {
+        let gaps: Vec<f64> = self
+            .skin
+            .of(&self.body)
+            .iter()
+            .zip(&self.target_skin)
+            .zip(weights)
+            .map(|((p, q), w)| if *w > 0.0 { (p - q).norm() } else { 0.0 })
+            .collect();
+        let params = &self.flow.params;
+        folds::find(self.target_surface(), &gaps, &self.areas, params.gap_p99, params.cell)
+    }
+
+    fn target_surface(&self) -> &Surface {
+        self.target_surface.get_or_init(|| {
+            let (points, triangles) = (self.target_skin.clone(), self.skin.triangles.clone());
+            Surface::new(TriMesh { points, triangles })
+        })
+    }
+
+    /// The account of one garment; `near` is that of the skin near the outfit.
+    pub fn info(&self, carried: &Carried, near: &Near) -> Info {
+        let (course, gap) = (&self.course, &near.gap);
+        let coarse = self.flow.steps.iter().rfind(|step| !step.closing);
+        let band_cells = coarse.map_or(0, |step| step.field.domain.cells.len());
+        let closing = self.flow.steps.iter().rfind(|step| step.closing);
         let band_iterations: usize = course.inner.iter().flat_map(|i| &i.cg_iterations).sum();
         let solved = self.body_converged && course.inner.iter().all(|i| i.converged);
         Info {
@@ -233,6 +275,7 @@ impl Prepared {
             body_gap_p99_m: self.body_gap.p99,
             skin_gap_p99_m: self.gap(&self.areas).p99,
             active_cells: band_cells + carried.extra_cells,
+            closing_cells: closing.map_or(0, |step| step.field.domain.cells.len()),
             outer_iterations: course.inner.len(),
             cg_iterations: band_iterations + carried.cg_iterations,
             converged: solved && carried.converged && gap.p99 <= self.flow.params.gap_accepted,
@@ -240,6 +283,7 @@ impl Prepared {
             determinant_min: carried.determinant_min,
             points_inside: carried.points_inside,
             skin_gaps_p99_m: course.gaps.clone(),
+            folds: near.folds.clone(),
             inner: course.inner.clone(),
         }
     }

@@ -1,10 +1,10 @@
 //! The system matrix `S = A + B^T (gamma M_p)^-1 B`, as a 27-point stencil of 3x3 blocks.
 //!
-//! A node's row depends on the kinds of the eight cells around it and on the boundary
-//! condition in them. Few combinations of kinds occur, so the rows of viscosity and volume
-//! are shared *patterns*, made once; the boundary's part is a scalar mass (the same for all
-//! three components) that only nodes of cut cells have. Against a block-sparse matrix this
-//! moves a tenth of the memory and leaves nothing to assemble in regular cells.
+//! A node's row depends on the element matrices of the eight cells around it and on the
+//! boundary condition in them. Few combinations of matrices occur, so the rows of viscosity
+//! and volume are shared *patterns*, made once; the boundary's part is a scalar mass (the
+//! same for all three components) that only nodes of cut cells have. Against a block-sparse
+//! matrix this moves a tenth of the memory and leaves nothing to assemble in regular cells.
 
 use std::collections::HashMap;
 
@@ -12,14 +12,15 @@ use bytemuck::{Pod, Zeroable};
 use nalgebra::Matrix3;
 use rayon::prelude::*;
 
-use super::boundary::Boundary;
-use super::domain::{Domain, Kind, NONE};
-use super::element::{self, ElementMatrix, corner};
+use super::domain::{Domain, NONE};
+use super::element::corner;
+use super::terms::Terms;
 use crate::device::{Access, Buffer, Device, DeviceError, HostArgs, INDEX_WGSL, Kernel};
-use crate::solve::bsr::BlockDiagonal;
 use crate::solve::cg::Operator;
 
-/// Neighbours of a node, itself included; `SLOTS` in stencil.wgsl.
+/// Row products, for kernels that declare the matrix' buffers and `x`.
+pub(super) const ROW_WGSL: &str = include_str!("row.wgsl");
+/// Neighbours of a node, itself included; `SLOTS` in row.wgsl.
 pub const SLOTS: usize = 27;
 /// The slot of the node itself.
 const CENTRE: usize = 13;
@@ -44,27 +45,45 @@ pub(super) struct Extent {
 
 pub(super) static STENCIL: Kernel = Kernel {
     name: "transfer_stencil",
-    wgsl: &[INDEX_WGSL, include_str!("stencil.wgsl")],
+    wgsl: &[INDEX_WGSL, include_str!("stencil.wgsl"), ROW_WGSL],
     access: &[Access::Read, Access::Read, Access::Read, Access::Read, Access::Read, Access::Write],
     host: stencil_multiply,
 };
 
 fn stencil_multiply(args: &mut HostArgs<'_>) {
-    let (neighbours, rows) = (args.read::<[u32; SLOTS]>(0), args.read::<[u32; 2]>(1));
-    let (patterns, mass) = (args.read::<Pattern>(2), args.read::<[f32; SLOTS]>(3));
+    let matrix = Rows::of(args);
     let x = args.read::<[f32; 3]>(4);
     let y = args.write::<[f32; 3]>(5);
-    y.par_chunks_mut(GRAIN).zip(neighbours.par_chunks(GRAIN).zip(rows.par_chunks(GRAIN))).for_each(
-        |(y, (neighbours, rows))| {
-            for (y, (around, &[pattern, row])) in y.iter_mut().zip(neighbours.iter().zip(rows)) {
-                let mut sum = multiply_blocks(&patterns[pattern as usize], around, x);
-                if row != NONE {
-                    add_mass(&mut sum, &mass[row as usize], around, x);
-                }
-                *y = [sum[0], sum[1], sum[2]];
-            }
-        },
-    );
+    y.par_chunks_mut(GRAIN).enumerate().for_each(|(chunk, y)| {
+        for (k, y) in y.iter_mut().enumerate() {
+            *y = matrix.multiply(chunk * GRAIN + k, x);
+        }
+    });
+}
+
+/// The matrix' rows as a CPU twin sees them: the first four buffers of its kernel.
+pub(super) struct Rows<'a> {
+    neighbours: &'a [[u32; SLOTS]],
+    rows: &'a [[u32; 2]],
+    patterns: &'a [Pattern],
+    mass: &'a [[f32; SLOTS]],
+}
+
+impl<'a> Rows<'a> {
+    pub fn of(args: &HostArgs<'a>) -> Rows<'a> {
+        Rows { neighbours: args.read(0), rows: args.read(1), patterns: args.read(2), mass: args.read(3) }
+    }
+
+    /// Row `i` times `x`.
+    #[inline(always)]
+    pub fn multiply(&self, i: usize, x: &[[f32; 3]]) -> [f32; 3] {
+        let (around, [pattern, row]) = (&self.neighbours[i], self.rows[i]);
+        let mut sum = multiply_blocks(&self.patterns[pattern as usize], around, x);
+        if row != NONE {
+            add_mass(&mut sum, &self.mass[row as usize], around, x);
+        }
+        [sum[0], sum[1], sum[2]]
+    }
 }
 
 /// The sum of a pattern's blocks times the neighbours' vectors; columns are padded to four
@@ -96,35 +115,13 @@ fn add_mass(sum: &mut [f32; 4], mass: &[f32; SLOTS], around: &[u32; SLOTS], x: &
 /// The matrix on a device.
 #[derive(Debug)]
 pub struct Stencil {
-    nodes: usize,
-    neighbours: Buffer<[u32; SLOTS]>,
-    rows: Buffer<[u32; 2]>,
-    patterns: Buffer<Pattern>,
-    mass: Buffer<[f32; SLOTS]>,
-    /// The inverse of the diagonal blocks.
-    pub diagonal_inverse: BlockDiagonal,
-}
-
-/// Element matrices of the kinds of cells.
-#[derive(Clone, Debug)]
-pub struct Elements {
-    deep: ElementMatrix,
-    open: ElementMatrix,
-}
-
-impl Elements {
-    /// For cells of side `h` [m], viscosity `nu` and compliance `gamma`.
-    pub fn new(h: f64, nu: f64, gamma: f64) -> Elements {
-        let deep = element::viscous(h, nu);
-        Elements { deep, open: deep + element::schur(h, gamma) }
-    }
-
-    fn of(&self, kind: Kind) -> &ElementMatrix {
-        match kind {
-            Kind::Deep => &self.deep,
-            Kind::Open => &self.open,
-        }
-    }
+    pub(super) nodes: usize,
+    pub(super) neighbours: Buffer<[u32; SLOTS]>,
+    pub(super) rows: Buffer<[u32; 2]>,
+    pub(super) patterns: Buffer<Pattern>,
+    pub(super) mass: Buffer<[f32; SLOTS]>,
+    /// The inverse of each node's own block, by rows.
+    pub(super) diagonal_inverse: Buffer<[f32; 9]>,
 }
 
 /// The slot of local node `b` among the neighbours of local node `a`.
@@ -133,18 +130,37 @@ pub fn slot(a: usize, b: usize) -> usize {
     (0..3).fold(0, |s, d| 3 * s + (cb[d] + 1 - ca[d]))
 }
 
-/// A node's 27 blocks from the kinds of the cells around it.
-fn blocks_of(elements: &Elements, kinds: [Option<Kind>; 8]) -> [Matrix3<f64>; SLOTS] {
+/// A node's 27 blocks from the elements of the cells around it.
+fn blocks_of(terms: &Terms, elements: [u32; 8]) -> [Matrix3<f64>; SLOTS] {
     let mut blocks = [Matrix3::zeros(); SLOTS];
-    for (o, kind) in kinds.iter().enumerate() {
-        let Some(kind) = kind else { continue };
-        let a = 7 - o;
-        for b in 0..8 {
-            let entry = elements.of(*kind).fixed_view::<3, 3>(3 * a, 3 * b);
-            blocks[slot(a, b)] += entry;
+    for (o, &element) in elements.iter().enumerate() {
+        if element != NONE {
+            let a = 7 - o;
+            for b in 0..8 {
+                blocks[slot(a, b)] += terms.elements[element as usize].fixed_view::<3, 3>(3 * a, 3 * b);
+            }
         }
     }
     blocks
+}
+
+/// The boundary's mass by rows: the row of each node, [`NONE`] where it has none, and the
+/// couplings to its 27 neighbours.
+fn mass_rows(domain: &Domain, terms: &Terms) -> (Vec<u32>, Vec<[f64; SLOTS]>) {
+    let (mut row_of_node, mut rows) = (vec![NONE; domain.nodes.len()], Vec::new());
+    for (cell, mass) in &terms.masses {
+        for (a, &node) in domain.cell_nodes[*cell as usize].iter().enumerate() {
+            let row = &mut row_of_node[node as usize];
+            if *row == NONE {
+                *row = rows.len() as u32;
+                rows.push([0.0; SLOTS]);
+            }
+            for b in 0..8 {
+                rows[*row as usize][slot(a, b)] += mass[a][b];
+            }
+        }
+    }
+    (row_of_node, rows)
 }
 
 fn pack(blocks: &[Matrix3<f64>; SLOTS]) -> Pattern {
@@ -160,8 +176,7 @@ impl Stencil {
     pub fn new(
         device: &Device,
         domain: &Domain,
-        elements: &Elements,
-        boundary: &Boundary,
+        terms: &Terms,
         fixed: &[bool],
     ) -> Result<Stencil, DeviceError> {
         let nodes = domain.nodes.len();
@@ -169,44 +184,60 @@ impl Stencil {
         identity[CENTRE] = Matrix3::identity();
         let mut patterns = vec![pack(&identity)];
         let mut centres = vec![Matrix3::identity()];
-        let mut pattern_of_kinds = HashMap::new();
+        let mut pattern_of_elements = HashMap::new();
+        let (row_of_node, mass) = mass_rows(domain, terms);
         let mut rows = Vec::with_capacity(nodes);
-        let mut diagonal_inverse = Vec::with_capacity(nodes);
+        let mut inverse = Vec::with_capacity(nodes);
         for i in 0..nodes {
-            let pattern = if fixed.get(i) == Some(&true) {
-                0
-            } else {
-                let kinds = domain.node_cells[i].map(|c| (c != NONE).then(|| domain.kinds[c as usize]));
-                *pattern_of_kinds.entry(kinds.map(|k| k.map(|k| k as u8))).or_insert_with(|| {
-                    let blocks = blocks_of(elements, kinds);
-                    patterns.push(pack(&blocks));
-                    centres.push(blocks[CENTRE]);
-                    patterns.len() - 1
-                })
-            };
-            let row = boundary.row_of_node.get(i).copied().unwrap_or(NONE);
+            if fixed.get(i) == Some(&true) {
+                rows.push([0, NONE]);
+                inverse.push(flat(&Matrix3::identity()));
+                continue;
+            }
+            let elements = domain.node_cells[i]
+                .map(|c| if c == NONE { NONE } else { terms.element_of_cell[c as usize] });
+            let pattern = *pattern_of_elements.entry(elements).or_insert_with(|| {
+                let blocks = blocks_of(terms, elements);
+                patterns.push(pack(&blocks));
+                centres.push(blocks[CENTRE]);
+                patterns.len() - 1
+            });
+            let row = row_of_node[i];
             rows.push([pattern as u32, row]);
             let mut block = centres[pattern];
             if row != NONE {
-                block += Matrix3::identity() * boundary.mass[row as usize][CENTRE];
+                block += Matrix3::identity() * mass[row as usize][CENTRE];
             }
-            // A block is positive definite: a cell's viscosity leaves only rigid motions free.
-            let inverse = block.try_inverse().unwrap_or_else(Matrix3::identity);
-            diagonal_inverse.push(std::array::from_fn(|k| inverse[(k / 3, k % 3)] as f32));
+            // A block is positive definite (a cell's viscosity leaves only rigid motions
+            // free), but for a coarse node between fixed ones, which nothing moves.
+            inverse.push(flat(&block.try_inverse().unwrap_or_else(Matrix3::identity)));
         }
-        let mass: Vec<[f32; SLOTS]> = boundary.mass.iter().map(|row| row.map(|m| m as f32)).collect();
-        let mass = if mass.is_empty() { vec![[0.0; SLOTS]] } else { mass };
+        let mut mass: Vec<[f32; SLOTS]> = mass.iter().map(|row| row.map(|m| m as f32)).collect();
+        if mass.is_empty() {
+            mass.push([0.0; SLOTS]); // a buffer holds something
+        }
         Ok(Stencil {
             nodes,
             neighbours: device.upload("transfer neighbours", &domain.neighbours())?,
             rows: device.upload("transfer rows", &rows)?,
             patterns: device.upload("transfer patterns", &patterns)?,
             mass: device.upload("transfer boundary mass", &mass)?,
-            diagonal_inverse: BlockDiagonal {
-                blocks: device.upload("transfer diagonal", &diagonal_inverse)?,
-            },
+            diagonal_inverse: device.upload("transfer diagonal", &inverse)?,
         })
     }
+}
+
+impl Stencil {
+    /// Memory on the device [bytes].
+    pub fn bytes(&self) -> usize {
+        let per_node = size_of::<[u32; SLOTS]>() + size_of::<[u32; 2]>() + size_of::<[f32; 9]>();
+        let patterns = self.patterns.len() * size_of::<Pattern>();
+        self.nodes * per_node + patterns + self.mass.len() * size_of::<[f32; SLOTS]>()
+    }
+}
+
+fn flat(m: &Matrix3<f64>) -> [f32; 9] {
+    std::array::from_fn(|k| m[(k / 3, k % 3)] as f32)
 }
 
 impl Operator for Stencil {

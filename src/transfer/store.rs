@@ -29,7 +29,7 @@ const MAGIC: &[u8; 16] = b"dressform field\n";
 /// Reads differently on a machine of the other byte order.
 const BYTE_ORDER: u32 = 0x0102_0304;
 /// Of the file; grows with every change of its layout.
-const FORMAT: u32 = 1;
+const FORMAT: u32 = 2;
 const HEAD: usize = 16 + 4 + 4 + 32 + 32;
 /// Set in a packed cell of kind [`Kind::Open`].
 const OPEN: u32 = 1 << 31;
@@ -53,11 +53,12 @@ struct Grid {
     lattice: Lattice,
     lo: Coordinates,
     dims: [u32; 3],
+    closing: bool,
 }
 
 /// The bytes of a transfer that was solved for `key`.
 pub(super) fn encode(prepared: &Prepared, key: &Key) -> Vec<u8> {
-    let grids: Vec<(Grid, Vec<u32>)> = prepared.flow.steps.iter().map(|s| pack(&s.field.domain)).collect();
+    let grids: Vec<(Grid, Vec<u32>)> = prepared.flow.steps.iter().map(pack).collect();
     let (grids, cells): (Vec<_>, Vec<_>) = grids.into_iter().unzip();
     let small = Small {
         motion: prepared.flow.motion,
@@ -100,12 +101,13 @@ pub(super) fn decode(bytes: &[u8], key: &Key, params: &Params) -> Option<Prepare
     let (source_skin, target_skin, body) = (points(&mut rest)?, points(&mut rest)?, points(&mut rest)?);
     let mut steps = Vec::new();
     for grid in small.steps {
+        let closing = grid.closing;
         let domain = unpack(grid, &array(&mut rest)?)?;
         let displacement = points(&mut rest)?;
         if displacement.len() != domain.nodes.len() {
             return None;
         }
-        steps.push(Step::stored(Field { domain, displacement }, points(&mut rest)?));
+        steps.push(Step::stored(Field { domain, displacement }, points(&mut rest)?, closing));
     }
     let flow = Flow { params: params.clone(), motion: small.motion, reach: small.reach, steps };
     Some(Prepared {
@@ -122,7 +124,8 @@ pub(super) fn decode(bytes: &[u8], key: &Key, params: &Params) -> Option<Prepare
     })
 }
 
-fn pack(domain: &Domain) -> (Grid, Vec<u32>) {
+fn pack(step: &Step) -> (Grid, Vec<u32>) {
+    let domain = &step.field.domain;
     let (mut lo, mut hi) = ([i32::MAX; 3], [i32::MIN; 3]);
     for cell in &domain.cells {
         for d in 0..3 {
@@ -140,7 +143,7 @@ fn pack(domain: &Domain) -> (Grid, Vec<u32>) {
         }
     });
     let packed = packed.collect();
-    (Grid { lattice: domain.lattice, lo, dims }, packed)
+    (Grid { lattice: domain.lattice, lo, dims, closing: step.closing }, packed)
 }
 
 fn unpack(grid: Grid, packed: &[u32]) -> Option<Domain> {

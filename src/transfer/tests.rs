@@ -1,90 +1,22 @@
 //! The transfer on bodies whose answer is known.
 
+mod kept;
+mod shapes;
+mod steps;
+
 use nalgebra::{DMatrix, Matrix3};
 
+use super::activity::Active;
 use super::boundary::Boundary;
 use super::domain::{Domain, Kind, Lattice};
 use super::element::{self, corner};
 use super::field::Problem;
-use super::stencil::{Elements, Stencil};
+use super::stencil::Stencil;
+use super::terms::Terms;
 use super::*;
+use crate::geometry::Surface;
 use crate::solve::cg::Operator;
-
-/// A subdivided octahedron of radius `r` around `centre`.
-fn sphere(centre: Vec3, r: f64, divisions: usize) -> TriMesh {
-    let mut mesh = TriMesh {
-        points: [[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]]
-            .map(|p| Vec3::from(p.map(f64::from)))
-            .to_vec(),
-        triangles: vec![
-            [0, 2, 4],
-            [2, 1, 4],
-            [1, 3, 4],
-            [3, 0, 4],
-            [2, 0, 5],
-            [1, 2, 5],
-            [3, 1, 5],
-            [0, 3, 5],
-        ],
-    };
-    for _ in 0..divisions {
-        let mut middle = std::collections::HashMap::new();
-        let mut triangles = Vec::new();
-        for &[a, b, c] in &mesh.triangles {
-            let mut halfway = |i: u32, j: u32| {
-                *middle.entry((i.min(j), i.max(j))).or_insert_with(|| {
-                    mesh.points.push((mesh.points[i as usize] + mesh.points[j as usize]).normalize());
-                    mesh.points.len() as u32 - 1
-                })
-            };
-            let (ab, bc, ca) = (halfway(a, b), halfway(b, c), halfway(c, a));
-            triangles.extend([[a, ab, ca], [ab, b, bc], [ca, bc, c], [ab, bc, ca]]);
-        }
-        mesh.triangles = triangles;
-    }
-    mesh.points.iter_mut().for_each(|p| *p = centre + *p * r);
-    mesh
-}
-
-/// An axis-aligned box whose faces are grids of `n` by `n` squares.
-fn block(lo: Vec3, hi: Vec3, n: usize) -> TriMesh {
-    let mut mesh = TriMesh::default();
-    for axis in 0..3 {
-        for side in 0..2 {
-            let first = mesh.points.len() as u32;
-            for i in 0..=n {
-                for j in 0..=n {
-                    let mut t = Vec3::zeros();
-                    t[axis] = side as f64;
-                    t[(axis + 1) % 3] = i as f64 / n as f64;
-                    t[(axis + 2) % 3] = j as f64 / n as f64;
-                    mesh.points.push(lo + (hi - lo).component_mul(&t));
-                }
-            }
-            let at = |i: usize, j: usize| first + (i * (n + 1) + j) as u32;
-            for i in 0..n {
-                for j in 0..n {
-                    let (a, b, c, d) = (at(i, j), at(i + 1, j), at(i + 1, j + 1), at(i, j + 1));
-                    let faces = if side == 1 { [[a, b, c], [a, c, d]] } else { [[a, c, b], [a, d, c]] };
-                    mesh.triangles.extend(faces);
-                }
-            }
-        }
-    }
-    mesh
-}
-
-fn joined(a: TriMesh, b: TriMesh) -> TriMesh {
-    let first = a.points.len() as u32;
-    let mut mesh = a;
-    mesh.points.extend(b.points);
-    mesh.triangles.extend(b.triangles.iter().map(|t| t.map(|i| i + first)));
-    mesh
-}
-
-fn mapped(mesh: &TriMesh, f: impl Fn(&Vec3) -> Vec3) -> TriMesh {
-    TriMesh { points: mesh.points.iter().map(f).collect(), triangles: mesh.triangles.clone() }
-}
+use shapes::{block, joined, mapped, sphere};
 
 fn transfer(source: &TriMesh, target: &TriMesh, garment: &[Vec3], params: &Params) -> Output {
     let input = Input { source, target, garments: vec![garment] };
@@ -93,6 +25,16 @@ fn transfer(source: &TriMesh, target: &TriMesh, garment: &[Vec3], params: &Param
 
 fn farthest(a: &[Vec3], b: &[Vec3]) -> f64 {
     a.iter().zip(b).map(|(p, q)| (p - q).norm()).fold(0.0, f64::max)
+}
+
+/// Every cell of a domain as if the surface cut it.
+fn all_cut(domain: &Domain, surface: &Surface) -> Vec<Active> {
+    let active = |&cell: &domain::Coordinates| {
+        let centre = domain.lattice.centre(cell);
+        let (distance, winding) = (surface.closest(&centre).distance, surface.winding_number(&centre));
+        Active { cell, kind: Kind::Open, cut: true, distance, winding }
+    };
+    domain.cells.iter().map(active).collect()
 }
 
 fn pseudo_random(seed: &mut u64) -> f64 {
@@ -120,11 +62,10 @@ fn small_domain() -> Domain {
 fn the_operator_is_the_assembled_matrix() {
     let domain = small_domain();
     let p = Params::default();
-    let ball = crate::geometry::Surface::new(sphere(Vec3::repeat(0.031), 0.02, 3));
+    let ball = Surface::new(sphere(Vec3::repeat(0.031), 0.02, 3));
     let still = vec![Vec3::zeros(); ball.mesh().points.len()];
-    let cut: Vec<u32> = (0..domain.cells.len() as u32).collect();
-    let boundary = Boundary::new(&domain, &ball, &still, &cut, p.beta, 2);
-    assert!(!boundary.mass.is_empty());
+    let boundary = Boundary::new(&domain, &ball, &still, &all_cut(&domain, &ball), p.beta, 2);
+    assert!(!boundary.masses.is_empty());
     let n = 3 * domain.nodes.len();
     let mut dense = DMatrix::<f64>::zeros(n, n);
     for (cell, nodes) in domain.cell_nodes.iter().enumerate() {
@@ -132,24 +73,18 @@ fn the_operator_is_the_assembled_matrix() {
         if domain.kinds[cell] == Kind::Open {
             k += element::schur(p.cell, p.gamma);
         }
+        if let Some((_, mass)) = boundary.masses.iter().find(|(c, _)| *c as usize == cell) {
+            k +=
+                element::ElementMatrix::from_fn(|r, c| if r % 3 == c % 3 { mass[r / 3][c / 3] } else { 0.0 });
+        }
         for (r, c) in (0..24).flat_map(|r| (0..24).map(move |c| (r, c))) {
             dense[(3 * nodes[r / 3] as usize + r % 3, 3 * nodes[c / 3] as usize + c % 3)] += k[(r, c)];
         }
     }
-    for (i, around) in domain.neighbours().iter().enumerate() {
-        for (slot, &j) in around.iter().enumerate() {
-            let mass = boundary.row_of_node[i];
-            if mass != domain::NONE {
-                for d in 0..3 {
-                    dense[(3 * i + d, 3 * j as usize + d)] += boundary.mass[mass as usize][slot];
-                }
-            }
-        }
-    }
     assert!((&dense - dense.transpose()).abs().max() < 1e-12 * dense.abs().max());
     let device = Device::cpu();
-    let stencil =
-        Stencil::new(&device, &domain, &Elements::new(p.cell, p.nu, p.gamma), &boundary, &[]).unwrap();
+    let terms = Terms::new(&domain, p.nu, p.gamma, &boundary);
+    let stencil = Stencil::new(&device, &domain, &terms, &[]).unwrap();
     let mut seed = 7;
     let x: Vec<f32> = (0..n).map(|_| pseudo_random(&mut seed) as f32).collect();
     let (bx, by) = (device.upload("x", &x).unwrap(), device.zeros("y", n).unwrap());
@@ -172,8 +107,8 @@ fn solve_block(map: impl Fn(&Vec3) -> Vec3, params: &Params) -> (Vec<Vec3>, Vec<
     let exact: Vec<Vec3> = domain.nodes.iter().map(|node| map(&place(node)) - place(node)).collect();
     let mut u: Vec<Vec3> =
         exact.iter().zip(&fixed).map(|(u, &f)| if f { *u } else { Vec3::zeros() }).collect();
-    let device = Device::cpu();
-    let problem = Problem::new(&device, params, &domain, &Boundary::default(), &fixed, &u).unwrap();
+    let (device, boundary) = (Device::cpu(), Boundary::default());
+    let problem = Problem::new(&device, params, &domain, &boundary, &fixed, &u).unwrap();
     let info = problem.solve(&mut u).unwrap();
     assert!(info.converged, "{info:?}");
     (u, exact)
@@ -181,7 +116,7 @@ fn solve_block(map: impl Fn(&Vec3) -> Vec3, params: &Params) -> (Vec<Vec3>, Vec<
 
 #[test]
 fn affine_maps_pass_the_patch_test() {
-    let params = Params { inner_tolerance: 1e-7, cg_tolerance: 1e-4, ..Params::default() };
+    let params = Params { inner_tolerance: 1e-7, ..Params::default() };
     let grow = Matrix3::new(1.2, 0.1, 0.0, -0.05, 1.1, 0.2, 0.1, 0.0, 1.05);
     let shrink = Matrix3::new(0.8, 0.1, 0.0, -0.05, 0.9, 0.2, 0.1, 0.0, 0.7);
     for m in [grow, shrink] {
@@ -290,71 +225,4 @@ fn local_nodes_and_cells_around_a_node_mirror_each_other() {
     for o in 0..8 {
         assert_eq!(corner(7 - o), corner(o).map(|c| 1 - c));
     }
-}
-
-#[test]
-fn a_stored_transfer_carries_to_the_same_bytes() {
-    let source = sphere(Vec3::zeros(), 0.12, 4);
-    let target = mapped(&source, |p| Vec3::new(1.2 * p.x, 0.9 * p.y, p.z));
-    let garment = sphere(Vec3::zeros(), 0.33, 3).points;
-    let device = Device::cpu();
-    let params = Params::default();
-    let prepared = prepare(&device, &source, &target, &params).unwrap();
-    let key = [7; 32];
-    let bytes = store::encode(&prepared, &key);
-    let read = store::decode(&bytes, &key, &params).unwrap();
-    let (a, b) = (prepared.carry(&device, &garment).unwrap(), read.carry(&device, &garment).unwrap());
-    assert_eq!(a.points, b.points);
-    assert_eq!(prepared.body(), read.body());
-    let account = |p: &Prepared, c| serde_json::to_string(&p.info(c, &p.gap_near(&garment))).unwrap();
-    assert_eq!(account(&prepared, &a), account(&read, &b));
-    assert_eq!(store::encode(&read, &key), bytes);
-
-    assert!(store::decode(&bytes, &[8; 32], &params).is_none(), "another key");
-    for cut in [0, 50, 200, bytes.len() - 1] {
-        assert!(store::decode(&bytes[..cut], &key, &params).is_none(), "cut at {cut}");
-    }
-    for at in [0, 20, 30, 60, 100, bytes.len() / 2, bytes.len() - 1] {
-        let mut damaged = bytes.clone();
-        damaged[at] ^= 1;
-        assert!(store::decode(&damaged, &key, &params).is_none(), "damaged at {at}");
-    }
-}
-
-#[test]
-fn a_cache_solves_a_pair_once() {
-    use cache::Origin;
-    let source = sphere(Vec3::zeros(), 0.05, 3);
-    let target = mapped(&source, |p| p * 1.05);
-    let garment = sphere(Vec3::zeros(), 0.06, 2).points;
-    let device = Device::cpu();
-    let params = Params::default();
-    let folder = std::env::temp_dir().join(format!("dressform-cache-{}", std::process::id()));
-    let points = |cache: &Cache, params: &Params| {
-        let found = cache.prepare(&device, &source, &target, params).unwrap();
-        (found.prepared.carry(&device, &garment).unwrap().points, found.origin, found.note)
-    };
-    let cache = Cache::default().on_disk(&folder);
-    let (first, origin, note) = points(&cache, &params);
-    assert_eq!((origin, note), (Origin::Solved, None));
-    assert_eq!(points(&cache.clone(), &params), (first.clone(), Origin::Memory, None));
-    let fresh = || Cache::default().on_disk(&folder);
-    assert_eq!(points(&fresh(), &params), (first.clone(), Origin::Disk, None));
-    assert_eq!(points(&Cache::default(), &params).1, Origin::Solved);
-    let stiff = Params { beta: 2e6, ..params.clone() };
-    assert_eq!(points(&cache, &stiff).1, Origin::Solved);
-
-    for file in std::fs::read_dir(&folder).unwrap() {
-        std::fs::write(file.unwrap().path(), b"not a transfer").unwrap();
-    }
-    let (again, origin, note) = points(&fresh(), &params);
-    assert_eq!((again, origin), (first.clone(), Origin::Solved));
-    assert!(note.unwrap().contains("damaged"));
-    assert_eq!(points(&fresh(), &params).1, Origin::Disk, "the damaged file was replaced");
-    std::fs::remove_dir_all(&folder).unwrap();
-    std::fs::write(&folder, b"a file where a folder should be").unwrap();
-    let (again, origin, note) = points(&fresh(), &params);
-    assert_eq!((again, origin), (first, Origin::Solved));
-    assert!(note.unwrap().contains("cannot be written"));
-    std::fs::remove_file(&folder).unwrap();
 }

@@ -25,6 +25,14 @@ class DeviceInfo(_Report):
     name: str
 
 
+class Fold(_Report):
+    """A crease of the target's skin that is narrower than the grid can follow."""
+
+    center_m: tuple[float, float, float] = Field(description="its middle on the target [m]")
+    area_m2: float = Field(description="its area on the source body [m^2]")
+    gap_max_m: float = Field(description="largest gap in it [m]")
+
+
 class TransferReport(_Report):
     """How well the body pair was met (paper section 4.1)."""
 
@@ -33,10 +41,12 @@ class TransferReport(_Report):
     gap_mean_m: float
     body_gap_p99_m: float = Field(description="the same over the whole body [m]")
     active_cells: int
+    closing_cells: int = Field(description="active cells of the last closing iteration")
     outer_iterations: int
     cg_iterations: int
     converged: bool
     determinant_min: float = Field(description="smallest local volume ratio where garment vertices lie")
+    folds: list[Fold] = Field(description="where the target's skin folds and the gap was not closed for it")
 
 
 class PatternReport(_Report):

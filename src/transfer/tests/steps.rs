@@ -1,0 +1,87 @@
+//! Tight solves, closing steps, garments beyond the band, folds.
+
+use super::*;
+
+#[test]
+fn a_tight_solve_is_the_fixed_point_of_the_device() {
+    let source = sphere(Vec3::zeros(), 0.12, 4);
+    let target = mapped(&source, |p| Vec3::new(1.2 * p.x, 0.8 * p.y, p.z));
+    let garment = sphere(Vec3::zeros(), 0.14, 3).points;
+    let standard = Params { cell: 0.03, ..Params::default() };
+    let tight = transfer(&source, &target, &garment, &Params { exact: true, ..standard.clone() });
+    for inner in &tight.infos[0].inner {
+        assert!(inner.converged && *inner.residuals.last().unwrap() <= exact::TOLERANCE, "{inner:?}");
+    }
+    let loose = transfer(&source, &target, &garment, &standard);
+    assert!(loose.infos[0].cg_iterations < tight.infos[0].cg_iterations / 2);
+    // Each inner loop stops a third of its tolerance of 0.1 mm from the solution.
+    let apart = farthest(&loose.garments[0], &tight.garments[0]);
+    assert!(apart > 1e-9 && apart < 1.5e-4, "{apart}");
+}
+
+#[test]
+fn a_closing_step_ends_in_nothing_at_its_rim() {
+    let source = sphere(Vec3::zeros(), 0.12, 5);
+    let target = mapped(&source, |p| p * (1.0 + 0.1 * (40.0 * p.y).sin()));
+    let params = Params { outer_iterations: 3, gap_p99: 1e-6, ..Params::default() };
+    let prepared = prepare(&Device::cpu(), &source, &target, &params).unwrap();
+    let step = prepared.flow.steps.last().unwrap();
+    assert!(step.closing);
+    let grid = &step.field.domain;
+    assert_eq!(grid.lattice.cell, params.cell / params.refinement);
+    let mut rim = 0;
+    for (node, u) in step.field.displacement.iter().enumerate() {
+        let place = Vec3::from(grid.nodes[node].map(f64::from)) * grid.lattice.cell + grid.lattice.origin;
+        // The skin lies within 0.132 m, so nodes beside missing cells further out are the rim.
+        if place.norm() > 0.14 && grid.node_cells[node].contains(&domain::NONE) {
+            assert_eq!(*u, Vec3::zeros());
+            rim += 1;
+        }
+    }
+    assert!(rim > 100 && step.field.displacement.iter().any(|u| u.norm() > 1e-5));
+}
+
+#[test]
+fn garments_far_from_the_body_stay_whole() {
+    let source = sphere(Vec3::zeros(), 0.12, 4);
+    let target = mapped(&source, |p| Vec3::new(1.3 * p.x, p.y, 0.9 * p.z));
+    // A flared skirt from the skin to a third of a metre away, far outside of the band.
+    let (rings, sectors) = (40, 60);
+    let at = |ring: usize, sector: usize| {
+        let (t, turn) = (ring as f64 / rings as f64, std::f64::consts::TAU * sector as f64 / sectors as f64);
+        let radius = 0.13 + 0.35 * t;
+        Vec3::new(radius * turn.cos(), -0.1 * t, radius * turn.sin())
+    };
+    let skirt: Vec<Vec3> = (0..=rings * sectors).map(|k| at(k / sectors, k % sectors)).collect();
+    let prepared = prepare(&Device::cpu(), &source, &target, &Params::default()).unwrap();
+    let carried = prepared.carry(&Device::cpu(), &skirt).unwrap();
+    assert!(carried.extra_cells > 1000 && carried.converged);
+    assert!(carried.determinant_min > 0.5, "{}", carried.determinant_min);
+    let moved = |k: usize| carried.points[k] - skirt[k];
+    for k in 0..rings * sectors - sectors {
+        // Along a ray from the body the cloth follows without a jump at the band's edge.
+        let jump = (moved(k + sectors) - moved(k)).norm();
+        assert!(jump < 5e-3, "{jump} at {k}");
+    }
+    // What is solved beyond the band follows the body that it hangs from.
+    assert!(moved(rings * sectors - 1).x.signum() == skirt[rings * sectors - 1].x.signum());
+}
+
+#[test]
+fn folds_are_where_the_skin_comes_back_to_itself() {
+    // A tube pinched to a crease of 4 mm along one side, and the same without a gap.
+    let ball = sphere(Vec3::zeros(), 0.12, 5);
+    let creased = mapped(&ball, |p| {
+        let depth = 0.06 * (-(p.y / 0.004).powi(2)).exp() * (p.x.max(0.0) / 0.12);
+        p * (1.0 - depth / 0.12)
+    });
+    let surface = Surface::new(creased);
+    let areas = surface.mesh().point_areas();
+    let gaps = vec![1e-3; areas.len()];
+    let found = folds::find(&surface, &gaps, &areas, 5e-4, 0.02);
+    assert_eq!(found.len(), 1, "{found:?}");
+    assert!(found[0].center_m[0] > 0.0 && found[0].center_m[1].abs() < 0.01, "{found:?}");
+    assert_eq!(found[0].gap_max_m, 1e-3);
+    assert!(folds::find(&surface, &gaps, &areas, 2e-3, 0.02).is_empty(), "a closed gap is no fold");
+    assert!(folds::find(&Surface::new(ball), &gaps, &areas, 5e-4, 0.02).is_empty(), "smooth skin");
+}
