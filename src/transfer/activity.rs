@@ -17,6 +17,8 @@ pub const DEPTH: f64 = 1.5;
 /// Half a cell's diagonal, in cells: nearer than this the surface may cut the cell. The
 /// excess is for rounding.
 const CUT: f64 = 0.866_025_403_784_438_6 * (1.0 + 1e-9);
+/// Farther away than so many radii of its points a patch holds more triangles than it is worth.
+const PATCH: f64 = 3.0;
 /// Cells along the edge of the largest block.
 const BLOCK: i32 = 8;
 
@@ -110,8 +112,19 @@ impl Query<'_> {
         winding: Option<f64>,
         out: &mut Vec<Active>,
     ) {
-        let surface = self.surface;
-        let patch = Patch::new(surface, centre, distance, CUT * self.lattice.cell);
+        let (surface, radius) = (self.surface, CUT * self.lattice.cell);
+        let mut push = |cell, distance, winding: f64| {
+            if let Some((kind, cut)) = self.judge(distance, winding.abs() > INSIDE) {
+                out.push(Active { cell, kind, cut, distance, winding });
+            }
+        };
+        if let (Some(winding), true) = (winding, distance > PATCH * radius) {
+            for_block(lo, 2, 1, |cell| {
+                push(cell, surface.closest(&self.lattice.centre(cell)).distance, winding);
+            });
+            return;
+        }
+        let patch = Patch::new(surface, centre, distance, radius);
         let sides = match winding {
             Some(_) => None,
             None => Some(Sides {
@@ -123,11 +136,8 @@ impl Query<'_> {
         };
         for_block(lo, 2, 1, |cell| {
             let p = self.lattice.centre(cell);
-            let distance = patch.closest(&p).distance;
             let found = sides.as_ref().map_or_else(|| winding.unwrap_or(0.0), |sides| sides.winding(&p));
-            if let Some((kind, cut)) = self.judge(distance, found.abs() > INSIDE) {
-                out.push(Active { cell, kind, cut, distance, winding: found });
-            }
+            push(cell, patch.closest(&p).distance, found);
         });
     }
 

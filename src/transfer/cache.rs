@@ -20,7 +20,7 @@ use super::{Error, Params, Prepared, prepare};
 use crate::device::Device;
 use crate::model::TriMesh;
 
-/// What a process keeps [bytes]; a pair at 2 cm takes 10 to 40 MB.
+/// What a process keeps [bytes]; a pair at 2 cm takes 50 to 150 MB.
 const MEMORY: usize = 512 << 20;
 
 /// Where a prepared transfer came from.

@@ -117,6 +117,14 @@ impl Domain {
         Ok(())
     }
 
+    /// Memory that it takes, roughly [bytes].
+    pub fn bytes(&self) -> usize {
+        let (cell, node) = (size_of::<(Coordinates, Kind, [u32; 8])>(), size_of::<(Coordinates, [u32; 8])>());
+        cell * self.cells.len()
+            + node * self.nodes.len()
+            + 4 * (self.cell_index.len() + self.node_index.len())
+    }
+
     fn number(&mut self) {
         for (i, &cell) in self.cells.iter().enumerate() {
             let slot = self.slot(cell).expect("the box holds every cell");

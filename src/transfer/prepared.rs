@@ -197,11 +197,8 @@ impl Prepared {
 
     /// Memory that it takes, roughly, with the surfaces that it makes when asked [bytes].
     pub fn bytes(&self) -> usize {
-        let grids = self
-            .flow
-            .steps
-            .iter()
-            .map(|s| 80 * s.field.domain.cells.len() + 100 * s.field.displacement.len());
+        let field = |field: &Field| field.domain.bytes() + size_of::<Vec3>() * field.displacement.len();
+        let grids = self.flow.steps.iter().map(|step| field(&step.field));
         let surfaces = (self.flow.steps.len() + 1) * 400 * self.skin.triangles.len();
         grids.sum::<usize>() + surfaces + 120 * self.body.len()
     }
