@@ -67,7 +67,7 @@ def main() -> int:
     if not data or not peers:
         print("skipped: the transfer's peer (DRESSFORM_DATA and DRESSFORM_PEERS name no folders)")
         return 0
-    if subprocess.run([python, "-c", "import warp"], stderr=subprocess.DEVNULL).returncode:
+    if subprocess.run([python, "-c", "import warp"], check=False, stderr=subprocess.DEVNULL).returncode:
         print("skipped: the transfer's peer (PEERS_PYTHON has no warp)")
         return 0
     outfit, garment, target = options.pair.replace("/", ":").split(":")

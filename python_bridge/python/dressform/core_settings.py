@@ -89,14 +89,26 @@ class TransferSettings(CoreModel):
     inner_iterations: Count = 30
     #: The inner loop ends when no node moves farther than this [m].
     inner_tolerance: Number = 0.0001
-    #: Tolerance of a linear solve, relative to its own right-hand side.
+    #: Most conjugate gradient iterations for each increment of the inner loop. One is best: the inner loop
+    #: combines increments as well as the conjugate gradients would.
+    cg_iterations: Count = 1
+    #: Their tolerance, relative to the increment's own right-hand side.
     cg_tolerance: Number = 0.1
-    #: Most iterations of a linear solve.
-    cg_iterations: Count = 2000
+    #: Solve every inner loop until its residual, judged in double precision on the host, is below 1e-8 of
+    #: that of no displacement: a reference for tests, at several times the cost.
+    exact: bool = False
+    #: Outer iterations with the whole band; those after them close what is left, in `closing_band` and with
+    #: cells `refinement` times smaller.
+    coarse_iterations: Count = 2
+    #: Width outside of the body of the band of the closing iterations [m]; at least two of their cells. What
+    #: is left to close varies from place to place and dies off well within.
+    closing_band: Number = 0.04
+    #: How many times smaller the cells of the closing iterations are.
+    refinement: Number = 2.0
     #: Most iterations of the outer loop.
     outer_iterations: Count = 10
     #: The outer loop ends when the 99th percentile of the outer skin's gap is below [m].
-    gap_p99: Number = 0.001
+    gap_p99: Number = 0.0004
     #: The 99th percentile of the gap near garments up to which the transfer counts as converged [m].
     gap_accepted: Number = 0.002
     #: Skin within this distance of a garment counts for the garment's gap [m].
