@@ -3,7 +3,7 @@
 
 use dressform::device::DeviceError;
 use dressform::model::SourceError;
-use dressform::{drape, pattern, pipeline, proxy, transfer};
+use dressform::{drape, pattern, pipeline, proxy, rig, transfer};
 use pyo3::PyErr;
 
 mod class {
@@ -57,6 +57,16 @@ pub fn proxy(error: proxy::Error) -> PyErr {
     }
 }
 
+/// A sewn mesh that could not be rigged.
+pub fn rig(error: rig::Error) -> PyErr {
+    let message = error.to_string();
+    match error {
+        rig::Error::Setting { .. } => class::BadSettings::new_err(message),
+        rig::Error::Solve(_) => internal(message),
+        _ => input(message),
+    }
+}
+
 /// A fit that could not be made: the device, the settings or the input; numerics that failed on
 /// input which passed every check are a fault of ours.
 pub fn pipeline(error: pipeline::Error) -> PyErr {
@@ -68,10 +78,12 @@ pub fn pipeline(error: pipeline::Error) -> PyErr {
         pipeline::Error::UnknownPose(_) => class::BadSettings::new_err(message),
         pipeline::Error::Transfer(transfer::Error::Setting { .. })
         | pipeline::Error::Pattern { error: pattern::Error::Setting { .. }, .. }
-        | pipeline::Error::Drape { error: drape::Error::Setting { .. }, .. } => {
+        | pipeline::Error::Drape { error: drape::Error::Setting { .. }, .. }
+        | pipeline::Error::Rig { error: rig::Error::Setting { .. }, .. } => {
             class::BadSettings::new_err(message)
         }
-        pipeline::Error::Pattern { error: pattern::Error::Solve(_), .. } => internal(message),
+        pipeline::Error::Pattern { error: pattern::Error::Solve(_), .. }
+        | pipeline::Error::Rig { error: rig::Error::Solve(_), .. } => internal(message),
         _ => input(message),
     }
 }

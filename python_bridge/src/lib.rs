@@ -1,8 +1,8 @@
 //! Python bindings of the dressform core: the module `dressform._native`.
 //!
 //! The core knows no Python. This crate checks shapes ([`read`]), runs the core without the
-//! interpreter ([`job`]) and maps every typed error to a Python exception ([`errors`]); [`fit`]
-//! puts them together. Nothing else lives here.
+//! interpreter ([`job`]) and maps every typed error to a Python exception ([`errors`]); [`fit`] and
+//! [`rig`] put them together. Nothing else lives here.
 
 use pyo3::prelude::*;
 
@@ -11,6 +11,7 @@ mod fit;
 mod job;
 mod posed;
 mod read;
+mod rig;
 mod simulate;
 
 /// Rust core of dressform. Use the package `dressform`, not this module.
@@ -29,6 +30,8 @@ mod _native {
     use crate::fit::{default_settings_json, fit};
     #[pymodule_export]
     use crate::posed::{posed_json, poses};
+    #[pymodule_export]
+    use crate::rig::{PreparedBody, rig, rig_matches};
     #[pymodule_export]
     use crate::simulate::simulate;
 

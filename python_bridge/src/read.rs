@@ -7,7 +7,7 @@ use std::collections::BTreeMap;
 
 use dressform::model::{
     AuthoredSeam, BlendShape, Character, Collider, Fabric, Garment, GarmentSource, Outfit, Panel, Role,
-    Skeleton, Skin, TriMesh, Vec2, Vec3,
+    SeamGroups, Skeleton, Skin, TriMesh, Vec2, Vec3,
 };
 use numpy::{AllowTypeChange, PyArrayDescrMethods, PyArrayLikeDyn, PyUntypedArray, PyUntypedArrayMethods};
 use pyo3::conversion::FromPyObjectOwned;
@@ -193,6 +193,20 @@ fn seam(garment: &str, dict: &Bound<'_, PyDict>) -> PyResult<AuthoredSeam> {
     let flat: Vec<u32> = record.integers("pairs", &[2])?;
     let pairs = flat.chunks_exact(2).map(|p| [p[0], p[1]]).collect();
     Ok(AuthoredSeam { name, pairs, offset: record.get("offset")? })
+}
+
+/// A sewn mesh from `{"points": ..., "triangles": ..., "seams": pairs of points}`.
+pub fn sewn(dict: &Bound<'_, PyDict>) -> PyResult<(Vec<Vec3>, Vec<[u32; 3]>, SeamGroups)> {
+    let record = Record { of: "cloth".to_owned(), dict };
+    let mesh = record.mesh()?;
+    let flat: Vec<u32> = record.integers("seams", &[2])?;
+    if let Some(i) = flat.iter().position(|&p| p as usize >= mesh.points.len()) {
+        let what = format!("element {}: point {}, but there are only {}", i / 2, flat[i], mesh.points.len());
+        return Err(record.wrong("seams", &what));
+    }
+    let ties: Vec<[u32; 2]> = flat.chunks_exact(2).map(|p| [p[0], p[1]]).collect();
+    let groups = SeamGroups::new(mesh.points.len(), &ties, &[]);
+    Ok((mesh.points, mesh.triangles, groups))
 }
 
 /// A character from the fields of `dressform.model.Character`.

@@ -1,6 +1,7 @@
 //! A triangle mesh that answers questions.
 
 use std::collections::HashMap;
+use std::sync::OnceLock;
 
 use parry3d_f64::partitioning::Bvh;
 use parry3d_f64::query::Ray;
@@ -34,7 +35,8 @@ pub struct Hit {
     pub distance: f64,
 }
 
-/// A mesh with its hierarchy, winding-number moments and pseudo-normals.
+/// A mesh with its hierarchy; winding-number moments and pseudo-normals of edges are made when
+/// they are first asked for.
 ///
 /// Surfaces need not be closed, clean or connected. Edge `k` of a triangle is the one
 /// opposite to its corner `k`.
@@ -43,12 +45,19 @@ pub struct Surface {
     mesh: TriMesh,
     tree: Bvh,
     nodes: Vec<Node>,
-    moments: Vec<Moments>,
     point_normals: Vec<Vec3>,
+    // Not every stage asks for these, and they take longer than the hierarchy.
+    moments: OnceLock<Vec<Moments>>,
+    features: OnceLock<Features>,
+    closed: OnceLock<bool>,
+}
+
+/// What belongs to edges, and the points on open ones.
+#[derive(Clone)]
+struct Features {
     edge_normals: Vec<[Vec3; 3]>,
     open_points: Vec<bool>,
     open_edges: Vec<[bool; 3]>,
-    closed: bool,
 }
 
 impl std::fmt::Debug for Surface {
@@ -64,8 +73,8 @@ impl Surface {
     /// # Panics
     /// If a triangle names a point that is not there; meshes are checked where they are read.
     pub fn new(mesh: TriMesh) -> Surface {
-        let (tree, closed) = (bvh::build(&mesh), is_closed(&mesh));
-        Surface::over(mesh, tree, closed)
+        let tree = bvh::build(&mesh);
+        Surface::over(mesh, tree, OnceLock::new())
     }
 
     /// The surface with its points elsewhere. The hierarchy is refitted and not built again: it answers
@@ -78,22 +87,14 @@ impl Surface {
         let mesh = TriMesh { points, triangles: self.mesh.triangles.clone() };
         let mut tree = self.tree.clone();
         bvh::refit(&mut tree, &mesh);
-        Surface::over(mesh, tree, self.closed)
+        Surface::over(mesh, tree, self.closed.clone())
     }
 
-    fn over(mesh: TriMesh, tree: Bvh, closed: bool) -> Surface {
+    fn over(mesh: TriMesh, tree: Bvh, closed: OnceLock<bool>) -> Surface {
         let nodes = bvh::flatten(&tree);
-        let moments = winding::moments(&mesh, &nodes);
         let point_normals = mesh.point_normals();
-        let (edge_normals, open_edges) = edge_features(&mesh);
-        let mut open_points = vec![false; mesh.points.len()];
-        for (tri, open) in mesh.triangles.iter().zip(&open_edges) {
-            for k in (0..3).filter(|&k| open[k]) {
-                open_points[tri[(k + 1) % 3] as usize] = true;
-                open_points[tri[(k + 2) % 3] as usize] = true;
-            }
-        }
-        Surface { mesh, tree, nodes, moments, point_normals, edge_normals, open_points, open_edges, closed }
+        let (moments, features) = (OnceLock::new(), OnceLock::new());
+        Surface { mesh, tree, nodes, point_normals, moments, features, closed }
     }
 
     /// The mesh.
@@ -108,7 +109,7 @@ impl Surface {
 
     /// Winding-number moments of each node.
     pub fn moments(&self) -> &[Moments] {
-        &self.moments
+        self.moments.get_or_init(|| winding::moments(&self.mesh, &self.nodes))
     }
 
     /// Pseudo-normals of the points: unit, angle-weighted.
@@ -118,23 +119,37 @@ impl Surface {
 
     /// Pseudo-normals of the edges of each triangle: unit sums of the adjacent faces' normals.
     pub fn edge_normals(&self) -> &[[Vec3; 3]] {
-        &self.edge_normals
+        &self.features().edge_normals
     }
 
     /// Whether each point lies on an open edge.
     pub fn open_points(&self) -> &[bool] {
-        &self.open_points
+        &self.features().open_points
     }
 
     /// Whether each edge of each triangle belongs to that triangle alone.
     pub fn open_edges(&self) -> &[[bool; 3]] {
-        &self.open_edges
+        &self.features().open_edges
     }
 
     /// Whether the surface has no border: every edge is passed as often one way as the other.
     /// Then the winding number is a whole number that changes only across triangles.
     pub fn is_closed(&self) -> bool {
-        self.closed
+        *self.closed.get_or_init(|| is_closed(&self.mesh))
+    }
+
+    fn features(&self) -> &Features {
+        self.features.get_or_init(|| {
+            let (edge_normals, open_edges) = edge_features(&self.mesh);
+            let mut open_points = vec![false; self.mesh.points.len()];
+            for (tri, open) in self.mesh.triangles.iter().zip(&open_edges) {
+                for k in (0..3).filter(|&k| open[k]) {
+                    open_points[tri[(k + 1) % 3] as usize] = true;
+                    open_points[tri[(k + 2) % 3] as usize] = true;
+                }
+            }
+            Features { edge_normals, open_points, open_edges }
+        })
     }
 
     /// The closest point of the surface.
@@ -145,6 +160,21 @@ impl Surface {
             barycentric: [0.0; 3],
             distance: f64::INFINITY,
         })
+    }
+
+    /// The closest point of the surface; a triangle that is near it makes the search shorter.
+    ///
+    /// # Panics
+    /// If the guess is no triangle of the surface.
+    pub fn closest_from(&self, p: &Vec3, guess: Option<u32>) -> Closest {
+        let Some(t) = guess.filter(|&t| t != u32::MAX) else {
+            return self.closest(p);
+        };
+        let corners = self.mesh.corners(t as usize);
+        let barycentric = triangle::closest(p, &corners);
+        let point = triangle::at(&corners, &barycentric);
+        let guessed = Closest { point, triangle: t, barycentric, distance: (point - p).norm() };
+        self.closest_within(p, guessed.distance).unwrap_or(guessed)
     }
 
     /// The closest point of the surface, if it is nearer than `max_distance` [m].
@@ -185,7 +215,7 @@ impl Surface {
 
     /// The winding number around `p`; its error stays below 1e-3 [Barill 2018].
     pub fn winding_number(&self, p: &Vec3) -> f64 {
-        winding::number(&self.mesh, &self.nodes, &self.moments, p)
+        winding::number(&self.mesh, &self.nodes, self.moments(), p)
     }
 
     /// Calls `f` with every triangle whose box has a point in common with `[lo, hi]`.
@@ -210,7 +240,7 @@ impl Surface {
         let t = closest.triangle as usize;
         match feature(&closest.barycentric) {
             Feature::Vertex(k) => self.point_normals[self.mesh.triangles[t][k] as usize],
-            Feature::Edge(k) => self.edge_normals[t][k],
+            Feature::Edge(k) => self.edge_normals()[t][k],
             Feature::Face => self.mesh.area_normal(t).try_normalize(0.0).unwrap_or_else(Vec3::zeros),
         }
     }
@@ -219,8 +249,8 @@ impl Surface {
     pub fn is_boundary(&self, closest: &Closest) -> bool {
         let t = closest.triangle as usize;
         match feature(&closest.barycentric) {
-            Feature::Vertex(k) => self.open_points[self.mesh.triangles[t][k] as usize],
-            Feature::Edge(k) => self.open_edges[t][k],
+            Feature::Vertex(k) => self.open_points()[self.mesh.triangles[t][k] as usize],
+            Feature::Edge(k) => self.open_edges()[t][k],
             Feature::Face => false,
         }
     }

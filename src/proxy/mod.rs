@@ -41,6 +41,7 @@ use thiserror::Error as ThisError;
 use crate::geometry::Surface;
 use crate::model::{Garment, Vec3};
 use binding::{Bond, Deformed, Neighbours};
+pub(crate) use label::matches as names_part;
 use part::Part;
 
 /// Settings of the proxies.

@@ -13,7 +13,8 @@
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
-use super::node_mesh;
+use super::Sewn;
+use super::cloth::node_mesh;
 use crate::geometry::OuterSkin;
 use crate::model::{BlendShape, Character, Garment, TriMesh, Vec3};
 
@@ -50,7 +51,7 @@ pub fn carry(
     points: &[Vec3],
     params: &Params,
 ) -> Vec<Option<Vec<Vec3>>> {
-    let cloth = node_mesh(garment, points);
+    let cloth = node_mesh(&Sewn { points: points, triangles: &garment.triangles, groups: &garment.groups });
     let anchors: Vec<Anchor> = cloth.points.par_iter().map(|p| Anchor::new(body, p)).collect();
     let neighbours = neighbours(&cloth);
     let of_shape = |shape: &BlendShape| {

@@ -1,5 +1,5 @@
 use super::*;
-use crate::model::{AuthoredSeam, GarmentSource, Panel, Skeleton, Vec2};
+use crate::model::{AuthoredSeam, GarmentSource, Panel, Skeleton, TriMesh, Vec2};
 
 /// A tube around the segment from `a` to `b`, open at its ends, wound outward.
 fn tube(a: Vec3, b: Vec3, radius: f64, around: usize, along: usize) -> TriMesh {
@@ -87,7 +87,10 @@ fn a_sleeve_takes_the_weights_of_the_arm_beneath_it() {
     let (skin, info) = rig(&body, &sleeve, &sleeve.points, &Params::default()).expect("rigs");
     assert_eq!((info.matched, info.nearest, info.turned_pieces), (1.0, 0.0, 0));
     for (v, p) in sleeve.points.iter().enumerate() {
-        assert!((second(&skin, v) - p.x / 0.6).abs() < 0.01, "vertex {v} at {p:?}: {}", second(&skin, v));
+        // Evening out flattens the slope within some 5 cm of a free border, 2 cm from the skin.
+        let inner = p.x > 0.2 && p.x < 0.4;
+        let error = (second(&skin, v) - p.x / 0.6).abs();
+        assert!(error < if inner { 0.01 } else { 0.09 }, "vertex {v} at {p:?}: {}", second(&skin, v));
     }
 }
 
@@ -159,6 +162,45 @@ fn a_loose_skirt_is_inpainted_without_a_split() {
     assert!(jump < 0.2, "weights jump by {jump} along an edge of the hem");
 }
 
+/// Wide legs of trousers: the left hem's inner side touches the right leg.
+#[test]
+fn a_hem_that_touches_the_other_leg_does_not_move_with_it() {
+    let leg = |x: f64| tube(Vec3::new(x, 0.0, 0.0), Vec3::new(x, 0.8, 0.0), 0.07, 48, 60);
+    let (left, right) = (leg(-0.1), leg(0.1));
+    let body = character(join(&[&left, &right]), |p| f64::from(u8::from(p.x > 0.0)));
+    let mut wide = tube(Vec3::new(0.0, 0.1, 0.0), Vec3::new(0.0, 0.7, 0.0), 1.0, 48, 40);
+    for p in &mut wide.points {
+        let radius = 0.085 + 0.04 * (0.7 - p.y) / 0.6;
+        (p.x, p.z) = (p.x * radius - 0.1, p.z * radius);
+    }
+    let trousers = garment(wide, Vec::new());
+    let surface = OuterSkin::new(&body.body).surface;
+    let wrong = trousers.points.iter().filter(|p| surface.closest(p).point.x > 0.0).count();
+    assert!(wrong > 20, "only {wrong} vertices are nearest to the other leg: not a hard case");
+    let (skin, _) = rig(&body, &trousers, &trousers.points, &Params::default()).expect("rigs");
+    for v in 0..trousers.points.len() {
+        assert!(second(&skin, v) < 1e-3, "vertex {v} at {:?}: {}", trousers.points[v], second(&skin, v));
+    }
+}
+
+/// A sleeve whose end is turned up lies on itself, inside out: both layers move with the arm.
+#[test]
+fn a_turned_up_cuff_moves_with_the_arm_beneath_it() {
+    let (a, b) = (Vec3::zeros(), Vec3::new(0.6, 0.0, 0.0));
+    let body = character(tube(a, b, 0.05, 32, 60), |p| p.x / 0.6);
+    let mut sleeve = tube(Vec3::new(0.1, 0.0, 0.0), Vec3::new(0.6, 0.0, 0.0), 0.06, 32, 50);
+    for p in sleeve.points.iter_mut().filter(|p| p.x > 0.4) {
+        let out = 0.064 / 0.06;
+        *p = Vec3::new(0.8 - p.x, p.y * out, p.z * out);
+    }
+    let sleeve = garment(sleeve, Vec::new());
+    let (skin, info) = rig(&body, &sleeve, &sleeve.points, &Params::default()).expect("rigs");
+    assert!(info.matched > 0.9, "{info:?}");
+    for (v, p) in sleeve.points.iter().enumerate() {
+        assert!((second(&skin, v) - p.x / 0.6).abs() < 0.08, "vertex {v} at {p:?}: {}", second(&skin, v));
+    }
+}
+
 #[test]
 fn weights_are_a_partition_of_unity_and_identical_across_seams() {
     let (a, b) = (Vec3::zeros(), Vec3::new(0.5, 0.0, 0.0));
@@ -170,7 +212,8 @@ fn weights_are_a_partition_of_unity_and_identical_across_seams() {
     let seam = AuthoredSeam { name: "join".to_owned(), pairs: pairs.clone(), offset: false };
     let cloth = garment(join(&[&left, &right]), vec![seam]);
     let (skin, info) =
-        rig(&body, &cloth, &cloth.points, &Params { influences: 3, ..Params::default() }).expect("rigs");
+        rig(&body, &cloth, &cloth.points, &Params { influences: Some(3), ..Params::default() })
+            .expect("rigs");
     assert!((info.matched + info.inpainted + info.nearest - 1.0).abs() < 1e-12);
     assert_eq!(skin.joint_weights.len(), 3 * cloth.points.len());
     for w in skin.joint_weights.chunks(3) {
@@ -190,8 +233,20 @@ fn what_does_not_fit_together_is_refused() {
     let cloth = garment(tube(Vec3::zeros(), Vec3::x(), 0.07, 8, 4), Vec::new());
     let short = rig(&body, &cloth, &cloth.points[1..], &Params::default());
     assert!(matches!(short, Err(Error::Length { .. })));
-    let none = rig(&body, &cloth, &cloth.points, &Params { influences: 0, ..Params::default() });
-    assert_eq!(none.unwrap_err(), Error::NoInfluence);
+    let none = rig(&body, &cloth, &cloth.points, &Params { influences: Some(0), ..Params::default() });
+    assert!(matches!(none, Err(Error::Setting { name: "influences", .. })));
+    let nowhere = [vec![Vec3::repeat(f64::NAN)], cloth.points[1..].to_vec()].concat();
+    let nowhere = rig(&body, &cloth, &nowhere, &Params::default());
+    assert_eq!(nowhere.unwrap_err(), Error::NotFinite { what: "garment", element: 0 });
+    let mut strange = body.clone();
+    strange.skin.joint_indices[6] = 9;
+    let strange = rig(&strange, &cloth, &cloth.points, &Params::default());
+    let wanted = Error::Joint { body: "/Body".to_owned(), element: 3, joint: 9, count: 2 };
+    assert_eq!(strange.unwrap_err(), wanted);
+    let mut weightless = body.clone();
+    weightless.skin.joint_weights[8..10].fill(0.0);
+    let weightless = rig(&weightless, &cloth, &cloth.points, &Params::default());
+    assert_eq!(weightless.unwrap_err(), Error::Weights { body: "/Body".to_owned(), element: 4 });
     let bare = Character { skin: Skin::default(), ..body };
     assert!(matches!(rig(&bare, &cloth, &cloth.points, &Params::default()), Err(Error::NoSkin { .. })));
 }

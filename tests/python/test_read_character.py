@@ -61,6 +61,23 @@ def test_mesh_local_joint_order_is_mapped(tmp_path):
     assert (before.joint_indices == after.joint_indices).all()
 
 
+def test_mesh_joints_are_found_by_name_through_subsets_and_other_roots(tmp_path):
+    stage = scenes.character_stage(tmp_path / "c.usda")
+    before, _ = read_character(scenes.saved(stage))
+    binding = UsdSkel.BindingAPI(stage.GetPrimAtPath("/Hero/Body"))
+    indices = np.array(binding.GetJointIndicesPrimvar().Get())
+    indices[indices == 0] = 1  # the mesh leaves the root out
+    bare = [joint.rpartition("/")[2] for joint in scenes.JOINTS]
+    binding.CreateJointsAttr(["other/" + bare[2], bare[1]])
+    binding.GetJointIndicesPrimvar().Set(Vt.IntArray((2 - indices).tolist()))
+    after, notes = read_character(scenes.saved(stage))
+    assert (np.maximum(before.joint_indices, 1) == after.joint_indices).all()
+    assert len(notes) == 1 and "2 joints were found in the skeleton by name alone" in notes[0]
+    binding.CreateJointsAttr([bare[2], "tail"])
+    with pytest.raises(BadInput, match=r"</Hero/Body>\.skel:joints\[1\].*'tail' is not in the skeleton"):
+        read_character(scenes.saved(stage))
+
+
 def test_constant_weights_are_spread(tmp_path):
     stage = scenes.character_stage(tmp_path / "c.usda")
     binding = UsdSkel.BindingAPI(stage.GetPrimAtPath("/Hero/Body"))

@@ -5,7 +5,8 @@
     result = dressform.fit("outfit.usda", "character.usdc", "dressed.usda")
     print(result.passed, result.garments[0].certificate.body_intersections)
 
-Arrays without USD: :func:`dressform.fit_arrays` over the data classes of :mod:`dressform.model`.
+Arrays without USD: :func:`dressform.fit_arrays` over the data classes of :mod:`dressform.model`, and
+:func:`dressform.rig_arrays` for skin weights alone.
 """
 
 from __future__ import annotations
@@ -28,6 +29,7 @@ if TYPE_CHECKING:
     from .fitting import fit
     from .native import Fitted, fit_arrays
     from .result import Result
+    from .rigging import Rigged, prepare_body, rig_arrays
     from .settings import Settings, load
 
 #: Where each name lives; loaded when it is first asked for, so that the command line starts fast.
@@ -41,10 +43,13 @@ _HOMES = {
     "NoDevice": "errors",
     "NotInstalled": "errors",
     "Result": "result",
+    "Rigged": "rigging",
     "Settings": "settings",
     "fit": "fitting",
     "fit_arrays": "native",
     "load": "settings",
+    "prepare_body": "rigging",
+    "rig_arrays": "rigging",
 }
 
 __all__ = [
@@ -57,11 +62,14 @@ __all__ = [
     "NoDevice",
     "NotInstalled",
     "Result",
+    "Rigged",
     "Settings",
     "__version__",
     "fit",
     "fit_arrays",
     "load",
+    "prepare_body",
+    "rig_arrays",
 ]
 
 

@@ -117,6 +117,11 @@ class RigReport(_Report):
     inpainted: float
     nearest: float
     influences_max: int
+    influence_error_max_m: float = Field(
+        description="largest displacement by leaving out influences, each joint turned by 45 degrees [m]"
+    )
+    ignored: float = Field(description="share of the weight that ignored joints gave to their ancestors")
+    turned_pieces: int = Field(description="pieces that face the body, turned for the search")
 
 
 class PoseReport(_Report):

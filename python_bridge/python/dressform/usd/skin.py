@@ -67,11 +67,34 @@ def _to_skeleton(
         raise source.bad(message, prim, INDICES, out[0])
     if names is joints:
         return indices
-    place = {joint: i for i, joint in enumerate(joints)}
+    return np.array(_places(source, prim, names, joints), dtype=np.int64)[indices]
+
+
+def _places(source: Source, prim: Usd.Prim, names: list[str], joints: list[str]) -> list[int]:
+    """Where each of the mesh's joints stands in the skeleton: by its path or, where the paths
+    differ (another root, a namespace left out), by a name that only one joint of the skeleton has."""
+    by_path = {joint: i for i, joint in enumerate(joints)}
+    by_name: dict[str, list[int]] = {}
+    for i, joint in enumerate(joints):
+        by_name.setdefault(joint.rpartition("/")[2], []).append(i)
+    places, by_name_alone = [], []
     for i, joint in enumerate(names):
-        if joint not in place:
-            raise source.bad(f"joint {joint!r} is not in the skeleton", prim, "skel:joints", i)
-    return np.array([place[joint] for joint in names], dtype=np.int64)[indices]
+        same_name = by_name.get(joint.rpartition("/")[2], [])
+        if joint in by_path:
+            places.append(by_path[joint])
+        elif len(same_name) == 1:
+            places.append(same_name[0])
+            by_name_alone.append(joint)
+        else:
+            what = "is several times in the skeleton" if same_name else "is not in the skeleton"
+            raise source.bad(f"joint {joint!r} {what}", prim, "skel:joints", i)
+    if by_name_alone:
+        source.note(
+            f"skel:joints: {len(by_name_alone)} joints were found in the skeleton by name alone "
+            f"({by_name_alone[0]!r})",
+            prim,
+        )
+    return places
 
 
 def _normalised(source: Source, prim: Usd.Prim, weights: Floats) -> Floats:
