@@ -91,16 +91,14 @@ def draw(
     pictures: list[tuple[str, Floats, Floats]],
 ) -> None:
     """Both, side by side, from the front, with the stretch as colour."""
-    plotter = pyvista().Plotter(off_screen=True, shape=(1, len(pictures)), window_size=(900, 420))
+    plotter = pyvista().Plotter(off_screen=True, shape=(1, len(pictures)), window_size=(900, 440))
     for column, (name, posed, stretch) in enumerate(pictures):
         plotter.subplot(0, column)
         plotter.add_mesh(polydata(posed_body, body.triangles), color="#c9b8a8")
         cloth = polydata(posed, shirt.triangles)
-        cloth["stretch of edges"] = stretch
+        cloth["stretch"] = stretch
         bar = {"vertical": True, "n_labels": 3, "title_font_size": 12, "label_font_size": 11}
-        plotter.add_mesh(
-            cloth, scalars="stretch of edges", cmap="inferno_r", clim=(1.0, 4.0), scalar_bar_args=bar
-        )
+        plotter.add_mesh(cloth, scalars="stretch", cmap="inferno_r", clim=(1.0, 4.0), scalar_bar_args=bar)
         plotter.add_text(name, font_size=10)
         plotter.camera_position = [(0.75, 1.15, 1.5), (0.12, 1.27, 0.0), (0.0, 1.0, 0.0)]
         plotter.camera.zoom(1.6)

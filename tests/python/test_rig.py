@@ -30,7 +30,8 @@ def tube():
 
 def test_weights_are_those_of_the_body_beneath(hero, tube):
     points, triangles = tube
-    rigged = rig_arrays(hero, points, triangles)
+    # The tube is 5 cm away: evening out would flatten the slope towards its open ends.
+    rigged = rig_arrays(hero, points, triangles, settings_json='{"rig": {"reach": 0.0}}')
     assert rigged.joint_weights.shape == rigged.joint_indices.shape == (len(points), rigged.influences)
     assert np.abs(rigged.joint_weights.sum(axis=1) - 1.0).max() < 1e-6
     assert rigged.report["matched"] == 1.0

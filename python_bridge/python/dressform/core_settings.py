@@ -220,14 +220,30 @@ class DrapeSettings(CoreModel):
 class RigSettings(CoreModel):
     """Settings of the rig."""
 
-    #: Most influences for a vertex.
-    influences: Count = 4
-    #: Farthest body point that the search along the normal accepts [m].
+    #: Most influences for a vertex. Without it 4, or 8 where 4 would move a vertex of the garment by more
+    #: than `influence_error`.
+    influences: Count | None = None
+    #: Displacement by leaving out influences that is worth 8 of them: when every joint in turn is turned by
+    #: 45 degrees about any axis, the root of the summed mean squares [m].
+    influence_error: Number = 0.001
+    #: Farthest body point that a cloth point can be matched to [m].
     distance: Number = 0.08
-    #: Largest angle between the normals of cloth and body [degrees].
-    cone: Number = 60.0
+    #: Largest angle between the normals of cloth and body at a match [degrees].
+    cone: Number = 45.0
     #: Rounds of averaging the cloth's normals with their neighbours'.
-    smoothing: Count = 8
+    smoothing: Count = 2
+    #: Length along the cloth over which weights are evened out, where it lies `gap` from the skin; in
+    #: proportion to the distance elsewhere [m].
+    reach: Number = 0.03
+    #: Distance from the skin that `reach` is meant for [m].
+    gap: Number = 0.0125
+    #: Largest change of the weights along an edge, as the sum of absolute differences (2 at most): where more
+    #: is left, the ends are averaged with their neighbours.
+    jump: Number = 0.6
+    #: Joints whose weight goes to their nearest kept ancestor. A pattern must match whole words of a joint's
+    #: name, whatever the case; `*` and `?` stand for letters; `NAME/*` means all joints below. A garment of
+    #: which they hold more than a quarter is made for them and keeps them.
+    ignore: list[str] = ["hand/*", "wrist/*", "foot/*", "ankle/*", "head/*", "finger", "thumb", "toe", "eye"]
 
 
 class BlendShapesSettings(CoreModel):
