@@ -23,7 +23,7 @@ SAMPLE = Path(__file__).resolve().parents[1] / "samples/outfits/casual_woman.usd
 #: Degrees that arms and collar bones are turned by, up.
 RAISED = {"upperarm01": 85.0, "clavicle": 20.0}
 #: Without cone, distance and smoothing the search is the nearest point.
-NEAREST = {"cone": 180.0, "distance": 10.0, "reach": 0.0, "ignore": [], "influences": 64}
+NEAREST = {"cone": 180.0, "distance": 10.0, "reach": 0.0, "jump": 2.0, "ignore": [], "influences": 64}
 
 
 def raised(body: Character) -> Floats:
