@@ -24,6 +24,7 @@ from ..errors import BadOutput
 from ..model import Character, DressedGarment, Outfit
 from . import atomic
 from .bring import bring_outside
+from .canonical import in_fixed_order
 from .materials import Materials, free_name
 from .stage import Source, open_stage
 from .write_garment import Placement, copy_mesh, write_garment
@@ -122,7 +123,7 @@ class _Writer:
             )
             materials.bind(self.source.stage.GetPrimAtPath(garment.path), prim)
         UsdUtils.ModifyAssetPaths(layer, self._relative)
-        return layer
+        return in_fixed_order(layer)
 
     def root(
         self, dressed: Sequence[DressedGarment], arrays: str, passed: bool, broken: Sequence[str]
