@@ -7,8 +7,6 @@ other bytes, and so another content hash.
 
 from __future__ import annotations
 
-from typing import Any
-
 from pxr import Sdf
 
 
@@ -38,19 +36,11 @@ def _prim(old: Sdf.PrimSpec, new: Sdf.PrimSpec) -> None:
 def _fields(old: Sdf.Spec, new: Sdf.Spec) -> None:
     for key in sorted(old.ListInfoKeys()):
         if key == "targetPaths":
-            _paths(old.targetPathList, new.targetPathList)
+            new.targetPathList.CopyItems(old.targetPathList)
         elif key == "connectionPaths":
-            _paths(old.connectionPathList, new.connectionPathList)
+            new.connectionPathList.CopyItems(old.connectionPathList)
+        elif key == "timeSamples":
+            for time in old.layer.ListTimeSamplesForPath(old.path):
+                new.layer.SetTimeSample(new.path, time, old.layer.QueryTimeSample(old.path, time))
         else:
             new.SetInfo(key, old.GetInfo(key))
-
-
-def _paths(old: Any, new: Any) -> None:
-    """Edits of a list of paths, which can only be set item by item."""
-    if old.isExplicit:
-        new.ClearEditsAndMakeExplicit()
-        new.explicitItems = list(old.explicitItems)
-        return
-    for kind in ("prependedItems", "appendedItems", "deletedItems", "addedItems", "orderedItems"):
-        if len(getattr(old, kind)):
-            setattr(new, kind, list(getattr(old, kind)))
