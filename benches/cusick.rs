@@ -142,7 +142,7 @@ fn test(fabric: &Fabric, h: f64, expected: &str) {
     let params = Params {
         frames: 0,
         settle: true,
-        settle_frames: 240,
+        settle_steps: 240,
         steps_per_frame: 2,
         settle_damping: 0.1,
         rest_tolerance: 0.05,

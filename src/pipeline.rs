@@ -430,8 +430,8 @@ fn drape_all(
             held: &held[g],
         };
         let count = order.len() as f64;
-        let mut report = |part: f64, _: &str| progress("drape", (done as f64 + part) / count);
-        report(0.0, "");
+        progress("drape", done as f64 / count);
+        let mut report = |now: &drape::Moment<'_>| progress("drape", (done as f64 + now.share) / count);
         let output = drape::run_with_progress(device, &input, &settings.drape, &mut report)
             .map_err(|error| Error::Drape { garment: garment.path.clone(), error })?;
         let (points, proxy) = proxies[g].restore(&output.points, &[solids, &layers[..]].concat());

@@ -28,10 +28,14 @@ const ARMIJO: f64 = 1e-4;
 const SHORTEST: f64 = 1e-7;
 /// Newton iterations of a push.
 const PUSH_ITERATIONS: usize = 8;
+/// How many times more Newton iterations a quasi-static step may take: it moves farther.
+const QUASI_STATIC: usize = 4;
 /// Iterations that the quasi-Newton history remembers.
 const MEMORY: usize = 5;
 /// Residual, in mean node weights, from which on the history is kept.
 const NEAR: f64 = 1.0;
+/// Longest time for which [`Params::friction_speed`] gives a sticking distance [s]
+const MOST_STICKING: f64 = 0.1;
 /// Energies closer than this share of themselves are equal up to rounding.
 const ROUNDING: f64 = 1e-14;
 
@@ -76,6 +80,16 @@ pub struct Simulation<'a> {
     /// Displacements in the last step [m].
     moved: Vec<Vec3>,
     /// Forces of seam offsets on the rings that carry them, as of the last step [N].
+    ring_forces: Vec<Vec3>,
+}
+
+/// All that a step changes, to come back to where it fails.
+#[derive(Clone)]
+pub(super) struct State {
+    x: Vec<Vec3>,
+    v: Vec<Vec3>,
+    lagged: Vec<Stencil>,
+    moved: Vec<Vec3>,
     ring_forces: Vec<Vec3>,
 }
 
@@ -201,6 +215,24 @@ impl<'a> Simulation<'a> {
         })
     }
 
+    /// The state before a step.
+    pub(super) fn state(&self) -> State {
+        State {
+            x: self.x.clone(),
+            v: self.v.clone(),
+            lagged: self.lagged.clone(),
+            moved: self.moved.clone(),
+            ring_forces: self.ring_forces.clone(),
+        }
+    }
+
+    /// Goes back to a state.
+    pub(super) fn restore(&mut self, state: State) {
+        let State { x, v, lagged, moved, ring_forces } = state;
+        (self.x, self.v, self.lagged) = (x, v, lagged);
+        (self.moved, self.ring_forces) = (moved, ring_forces);
+    }
+
     /// Contact points where the nodes are now.
     pub fn points(&self) -> Vec<Vec3> {
         self.contact.scene.sheet.points(&self.offsets.vertices(&self.x))
@@ -237,18 +269,28 @@ impl<'a> Simulation<'a> {
     /// Where the minimisation does not reach its tolerance the step is still made, and the
     /// result says so.
     pub(super) fn step(&mut self, h: f64, damping: f64) -> Result<StepInfo, Error> {
-        self.step_from(&self.x.clone(), h, damping)
+        self.advance(&self.x.clone(), h, damping, 0.0)
     }
 
     /// As [`Simulation::step`] for cloth that was at `before` at the step's start and that moving
     /// colliders have carried to where it is: its inertia counts from `before`, slip from here.
     pub(super) fn step_from(&mut self, before: &[Vec3], h: f64, damping: f64) -> Result<StepInfo, Error> {
+        self.advance(before, h, damping, 0.0)
+    }
+
+    /// A step of `h` seconds towards rest, in which all velocity is lost; the minimisation may
+    /// also end where the residual has fallen to the share `relative` of what it starts with.
+    pub(super) fn quasi_static(&mut self, h: f64, relative: f64) -> Result<StepInfo, Error> {
+        self.advance(&self.x.clone(), h, 1.0, relative)
+    }
+
+    fn advance(&mut self, before: &[Vec3], h: f64, damping: f64, relative: f64) -> Result<StepInfo, Error> {
         self.offsets.turn(&self.x);
         let points = self.points();
         if !self.contact.tangles().is_clean() {
             self.contact.classify(&points);
         }
-        self.contact.refresh(&points);
+        self.contact.refresh(&points, f64::INFINITY);
         let contacts = self.contact.contacts(&points);
         let target = (0..self.x.len())
             .map(|i| {
@@ -261,7 +303,8 @@ impl<'a> Simulation<'a> {
             .collect();
         let friction = self.lag_friction(&contacts, h);
         let problem = Problem { start: self.x.clone(), target, inertia: 1.0 / (h * h), friction };
-        let (x, info) = self.minimise(&problem, self.params.max_newton)?;
+        let most = if damping < 1.0 { self.params.max_newton } else { QUASI_STATIC * self.params.max_newton };
+        let (x, info) = self.minimise(&problem, most, relative)?;
         self.moved = x.iter().zip(&self.x).map(|(x, s)| x - s).collect();
         self.v = x.iter().zip(before).map(|(x, b)| (x - b) * ((1.0 - damping) / h)).collect();
         self.x = x;
@@ -306,29 +349,31 @@ impl<'a> Simulation<'a> {
     /// A few Newton iterations of a step from rest; leaves the cloth at rest.
     pub(super) fn push(&mut self, h: f64) -> Result<StepInfo, Error> {
         self.offsets.turn(&self.x);
-        self.contact.refresh(&self.points());
+        self.contact.refresh(&self.points(), f64::INFINITY);
         let (start, target) = (self.x.clone(), self.x.clone());
         let problem = Problem { start, target, inertia: 1.0 / (h * h), friction: Vec::new() };
-        let (x, info) = self.minimise(&problem, PUSH_ITERATIONS)?;
+        let (x, info) = self.minimise(&problem, PUSH_ITERATIONS, 0.0)?;
         self.x = x;
         self.v.iter_mut().for_each(|v| *v = Vec3::zeros());
         Ok(info)
     }
 
-    fn minimise(&mut self, problem: &Problem, most: usize) -> Result<(Vec<Vec3>, StepInfo), Error> {
+    fn minimise(
+        &mut self,
+        problem: &Problem,
+        most: usize,
+        relative: f64,
+    ) -> Result<(Vec<Vec3>, StepInfo), Error> {
         let mut x = self.x.clone();
         let mut here = self.evaluate(&x, problem);
+        let tolerance = self.params.tolerance.max(relative * self.residual(&here.gradient));
         let mut info = StepInfo::default();
         let mut history = History::default();
         loop {
             info.residual = self.residual(&here.gradient);
-            info.converged = info.residual <= self.params.tolerance;
+            info.converged = info.residual <= tolerance;
             if info.converged || info.newton >= most {
                 return Ok((x, info));
-            }
-            let (searched, longest) = self.contact.refresh(&here.points);
-            if searched {
-                here.contacts = self.contact.contacts(&here.points);
             }
             let mut direction = self.direction(&here, problem, &history, &mut info)?;
             let mut slope = dot(&direction, &here.gradient);
@@ -340,6 +385,10 @@ impl<'a> Simulation<'a> {
             let length = direction.iter().map(Vec3::norm).fold(0.0, f64::max);
             if !length.is_finite() || slope >= 0.0 {
                 return Ok((x, info)); // no descent in f32: as good as it gets
+            }
+            let (searched, longest) = self.contact.refresh(&here.points, length);
+            if searched {
+                here.contacts = self.contact.contacts(&here.points);
             }
             if length > longest {
                 direction.iter_mut().for_each(|d| *d *= longest / length);
@@ -446,7 +495,7 @@ impl<'a> Simulation<'a> {
             (force * mu > 0.0).then_some(Stencil {
                 kind: Kind::Friction,
                 gap: 0.0,
-                radius: self.params.friction_speed * h,
+                radius: self.params.friction_speed * h.min(MOST_STICKING),
                 stiffness: mu * force,
                 ..*s
             })

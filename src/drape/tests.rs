@@ -3,6 +3,9 @@
 mod elastica;
 mod statics;
 
+use super::phases::advance;
+use super::setup::simulation;
+use super::simulation::Simulation;
 use super::*;
 use crate::geometry::intersect;
 use crate::model::{GarmentSource, Panel, TriMesh};
@@ -239,4 +242,25 @@ fn bad_input_is_refused() {
     assert!(matches!(refused, Error::Pinned { vertex: 9, .. }));
     points[3].y = f64::INFINITY;
     assert!(matches!(try_run(&points, &Params::default()), Error::NotFinite { vertex: 3, .. }));
+}
+
+#[test]
+fn a_sheet_settles_on_a_ball_and_is_at_rest_by_its_net_force() {
+    let garment = patches(8, 0.3, &[&|x, y| Vec3::new(x - 0.15, 0.105, y - 0.15)]);
+    let ball = sphere(0.1, 10);
+    let colliders = [&ball];
+    let params = Params { frames: 0, settle: true, ..Params::default() };
+    let output = run(&Device::cpu(), &still(&garment, &colliders, &[]), &params).unwrap();
+    let info = &output.info;
+    assert!(info.at_rest && info.converged && info.settle_steps > 2, "{info:?}");
+    assert!(info.residual <= params.rest_tolerance, "{info:?}");
+    assert_eq!(info.crossings, [0, 0]);
+    // Its corners hang below the ball's top by most of their length beyond it.
+    let lowest = output.points.iter().map(|p| p.y).fold(f64::MAX, f64::min);
+    assert!(lowest < 0.05, "{lowest}");
+    // From there nothing moves on.
+    let again = Input { points: &output.points, ..still(&garment, &colliders, &[]) };
+    let second = run(&Device::cpu(), &again, &params).unwrap();
+    let apart = output.points.iter().zip(&second.points).map(|(a, b)| (a - b).norm()).fold(0.0, f64::max);
+    assert!(second.info.at_rest && apart < 1e-3, "{apart}");
 }

@@ -4,6 +4,7 @@
 //! the conjugate gradient method stay on the device between checks.
 //! [`cholesky`] is the exception: small exact systems stay on the host, in `f64`.
 
+pub mod block_cholesky;
 pub mod bsr;
 pub mod cg;
 pub mod cholesky;

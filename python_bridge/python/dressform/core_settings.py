@@ -183,10 +183,10 @@ class DrapeSettings(CoreModel):
     damping: Number = 0.9
     #: Whether a settling phase follows.
     settle: bool = False
-    #: Most frames of the settling phase.
-    settle_frames: Count = 96
-    #: Share of the velocity that each settling step takes away.
-    settle_damping: Number = 0.05
+    #: Most steps of the settling phase.
+    settle_steps: Count = 60
+    #: Share of the velocity that each step behind a moving body takes away.
+    follow_damping: Number = 0.05
     #: At rest when the largest net force on a node is below this many mean node weights.
     rest_tolerance: Number = 0.1
     #: A step has converged when the largest unbalanced force on a node is below this many mean node weights.

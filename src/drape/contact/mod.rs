@@ -97,11 +97,12 @@ impl<'a> Contact<'a> {
         x.iter().zip(&self.built_at).map(|(x, b)| (x - b).norm_squared()).fold(0.0, f64::max).sqrt()
     }
 
-    /// Searches pairs again if less than half of the budget of moves is left; returns whether
-    /// it did and the longest move that the pairs allow now [m].
-    pub fn refresh(&mut self, x: &[Vec3]) -> (bool, f64) {
+    /// Searches pairs again if a move of `wanted` [m] is longer than what is left of the budget of
+    /// moves; returns whether it did and the longest move that the pairs allow now [m].
+    pub fn refresh(&mut self, x: &[Vec3], wanted: f64) -> (bool, f64) {
         let left = 0.5 * MARGIN - self.moved(x);
-        if left > 0.25 * MARGIN {
+        // What a search would add must be worth it.
+        if left >= wanted.min(0.4 * MARGIN) {
             return (false, left);
         }
         self.build(x);

@@ -346,6 +346,14 @@ impl Stencils {
         device.run(&STENCIL_GATHER, self.nodes, &sizes, &buffers)
     }
 
+    /// Second derivatives of each stencil, as upper triangles `xx yy zz yz xz xy` [N/m].
+    ///
+    /// # Errors
+    /// A device's failure.
+    pub fn second_derivatives(&self, device: &Device) -> Result<Vec<[f32; 6]>, DeviceError> {
+        device.read(&self.block)
+    }
+
     /// Writes the inverse of the whole system's diagonal blocks; `at` is the place of each
     /// row's diagonal block in `elastic`.
     ///

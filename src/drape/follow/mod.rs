@@ -17,8 +17,11 @@ mod tests;
 
 use super::contact::carried::LONGEST_MOVE;
 use super::contact::fixed::Fixed;
+use super::params::check;
+use super::phases::push_out;
+use super::setup::simulation;
 use super::simulation::Simulation;
-use super::{Error, FRAME, Input, Params, push_out, simulation};
+use super::{Error, FRAME, Input, Params};
 use crate::device::Device;
 use crate::geometry::Surface;
 use crate::model::{Garment, Vec3};
@@ -82,7 +85,7 @@ impl<'a> Follower<'a> {
         };
         for (g, input) in inputs.iter().enumerate() {
             assert_eq!(input.layers.len(), g, "layers are the garments before");
-            super::check(input, params)?;
+            check(input, params)?;
             follower.layers.push(simulation(device, input, params)?);
         }
         Ok(follower)
@@ -129,7 +132,7 @@ impl<'a> Follower<'a> {
         // Every collider of the layer at hand, at the step's end: solids, then lower garments.
         let mut to: Vec<Vec<Vec3>> = solids.to_vec();
         for g in 0..self.layers.len() {
-            let mover = Mover { damping: self.params.settle_damping, pushes: self.params.push_steps };
+            let mover = Mover { damping: self.params.follow_damping, pushes: self.params.push_steps };
             mover.advance(&mut self.layers[g], &to, h, MOST_HALVINGS, &mut self.infos[g])?;
             let layer = &self.layers[g];
             to.push(self.garments[g].welded_mesh(&layer.offsets.vertices(&layer.x)).points);

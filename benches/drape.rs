@@ -1,0 +1,105 @@
+//! Drapes one case that is described by a file and says how it came to rest.
+//!
+//! ```text
+//! cargo bench --bench drape -- CASE.json [SETTINGS.json] [RESULT.json]
+//! ```
+//! A case holds a garment, where it starts, its pattern, colliders and finished layers
+//! (`benches/drape.py` makes them). Prints one JSON object: CPU seconds, what the drape reports,
+//! and after how many CPU seconds 99% of the vertices were within a millimetre of their place at
+//! the end for good. `RESULT.json` gets the vertices.
+
+use std::fs;
+
+use dressform::device::Device;
+use dressform::drape::{self, Input, Params};
+use dressform::geometry::Surface;
+use dressform::model::{Garment, GarmentSource, TriMesh, Vec2, Vec3};
+use serde::Deserialize;
+
+/// Vertices closer than this to their place at the end have arrived [m].
+const ARRIVED: f64 = 1e-3;
+
+#[derive(Deserialize)]
+struct Case {
+    #[serde(default)]
+    source: Option<GarmentSource>,
+    #[serde(default)]
+    garment: Option<Garment>,
+    #[serde(default)]
+    points: Option<Vec<Vec3>>,
+    #[serde(default)]
+    pattern: Option<Vec<Vec2>>,
+    colliders: Vec<TriMesh>,
+    #[serde(default)]
+    layers: Vec<TriMesh>,
+}
+
+/// CPU seconds of this process so far, all threads (Linux).
+fn cpu_seconds() -> f64 {
+    let stat = fs::read_to_string("/proc/self/stat").unwrap_or_default();
+    let fields: Vec<f64> =
+        stat.rsplit(')').next().unwrap_or("").split_whitespace().filter_map(|f| f.parse().ok()).collect();
+    // After the command's name: the state is no number, so utime and stime come 11th and 12th.
+    if fields.len() > 12 { (fields[10] + fields[11]) / 100.0 } else { 0.0 }
+}
+
+/// The 99th percentile of the vertices' distances [m].
+fn apart(a: &[Vec3], b: &[Vec3]) -> f64 {
+    let mut all: Vec<f64> = a.iter().zip(b).map(|(a, b)| (a - b).norm()).collect();
+    all.sort_unstable_by(f64::total_cmp);
+    all[(all.len() - 1) * 99 / 100]
+}
+
+fn main() {
+    let arguments: Vec<String> = std::env::args().skip(1).filter(|a| a != "--bench").collect();
+    let [case, rest @ ..] = &arguments[..] else {
+        println!("skipped: no case was named; benches/drape.py makes them and runs this");
+        return;
+    };
+    let text = fs::read_to_string(case).expect("the case can be read");
+    let case: Case = serde_json::from_str(&text).expect("the case is as `Case` has it");
+    let params: Params = match rest.first() {
+        Some(file) => serde_json::from_str(&fs::read_to_string(file).expect("settings can be read"))
+            .expect("settings are as `drape::Params` has them"),
+        None => Params::default(),
+    };
+    let garment = case
+        .garment
+        .or_else(|| case.source.map(|s| Garment::from_source(s).expect("a garment")))
+        .expect("a garment or its source");
+    let (colliders, layers): (Vec<Surface>, Vec<Surface>) = (
+        case.colliders.into_iter().map(Surface::new).collect(),
+        case.layers.into_iter().map(Surface::new).collect(),
+    );
+    let input = Input {
+        garment: &garment,
+        points: case.points.as_deref().unwrap_or(&garment.points),
+        pattern: case.pattern.as_deref().unwrap_or(&garment.pattern),
+        colliders: &colliders.iter().collect::<Vec<_>>(),
+        layers: &layers.iter().collect::<Vec<_>>(),
+        pinned: &[],
+        held: &[],
+    };
+    let start = cpu_seconds();
+    let mut moments: Vec<(f64, Vec<Vec3>)> = Vec::new();
+    let output = drape::run_with_progress(&Device::cpu(), &input, &params, &mut |moment| {
+        moments.push((cpu_seconds() - start, moment.points()));
+    })
+    .expect("the drape runs");
+    let total = cpu_seconds() - start;
+    let late = moments.iter().rposition(|(_, p)| apart(p, &output.points) > ARRIVED);
+    let arrived = moments.get(late.map_or(0, |l| l + 1)).map_or(total, |m| m.0);
+    let result = serde_json::json!({
+        "vertices": garment.points.len(),
+        "nodes": garment.groups.node_count,
+        "cpu_s": total,
+        "arrived_cpu_s": arrived,
+        "steps_seen": moments.len(),
+        "drape": output.info,
+    });
+    println!("{result}");
+    if let Some(file) = rest.get(1) {
+        let points = serde_json::to_string(&output.points).expect("points are numbers");
+        fs::write(file, points).expect("the result can be written");
+    }
+}

@@ -1,0 +1,177 @@
+//! The phases of a drape: push out, untangle, settle, repair.
+
+use super::simulation::{Simulation, StepInfo};
+use super::{Error, FRAME, Info, Moment, Params};
+use crate::model::Vec3;
+
+/// Called after every step.
+type Progress<'a> = dyn FnMut(&Moment<'_>) + 'a;
+
+/// Most rounds of pushes and a frame after the phases.
+const REPAIR_ROUNDS: usize = 3;
+/// Factor by which a settling step is longer than the one before.
+const GROWTH: f64 = 2.0;
+/// Longest settling step [s]: what is left of inertia then is a thousandth of a node's weight for
+/// each millimetre, and the `f32` matrix' rounding is of its size.
+const LONGEST_STEP: f64 = 1.0;
+/// Shortest settling step that is still shortened [s].
+const SHORTEST_STEP: f64 = 0.01;
+/// Share of its first residual at which a settling step's minimisation may end.
+const SETTLE_SHARE: f64 = 0.1;
+/// A step is halved at most this often before it is taken as it is.
+const MOST_HALVINGS: u32 = 2;
+
+/// Takes the cloth through all phases.
+pub(super) fn run(
+    simulation: &mut Simulation<'_>,
+    params: &Params,
+    progress: &mut Progress<'_>,
+) -> Result<Info, Error> {
+    let mut info = Info { converged: true, ..Info::default() };
+    let tangles = simulation.contact.tangles();
+    info.inside_before = tangles.inside_count();
+    info.crossings_before = [tangles.crossings, tangles.own.len()];
+    let h = FRAME / params.steps_per_frame as f64;
+    push_out(simulation, h, params.push_steps, &mut info)?;
+    untangle(simulation, params, &mut info, progress)?;
+    if params.settle {
+        settle(simulation, params, &mut info, progress)?;
+    }
+    repair(simulation, params, &mut info)?;
+    let tangles = simulation.contact.tangles();
+    info.crossings = [tangles.crossings, tangles.own.len()];
+    info.kinetic_energy_j = simulation.kinetic_energy();
+    info.residual = simulation.net_force();
+    info.at_rest = info.residual <= params.rest_tolerance;
+    info.contacts = simulation.contact.contacts(&simulation.points()).stencils.len();
+    progress(&Moment { share: 1.0, phase: "done", simulation });
+    Ok(info)
+}
+
+/// The paper's damped frames.
+fn untangle(
+    simulation: &mut Simulation<'_>,
+    params: &Params,
+    info: &mut Info,
+    progress: &mut Progress<'_>,
+) -> Result<(), Error> {
+    let h = FRAME / params.steps_per_frame as f64;
+    let steps = params.frames * params.steps_per_frame;
+    for i in 0..steps {
+        advance(simulation, h, params.damping, info, MOST_HALVINGS)?;
+        progress(&Moment { share: (i + 1) as f64 / (steps + 1) as f64, phase: "untangle", simulation });
+    }
+    info.frames = params.frames;
+    Ok(())
+}
+
+/// Quasi-static steps until at rest, or to the limit.
+///
+/// Every step starts at rest, so that only where the cloth ends counts: implicit Euler is then
+/// pseudo-transient continuation [Kelley and Keyes 1998] towards static equilibrium. Steps grow
+/// while their minimisations succeed, and inertia fades with the square of their length. The
+/// minimisation of a step that is still growing ends at [`SETTLE_SHARE`] of the residual that it
+/// starts with, that of a longest one at the tolerance; a step that fails is repeated with a
+/// quarter of the length.
+fn settle(
+    simulation: &mut Simulation<'_>,
+    params: &Params,
+    info: &mut Info,
+    progress: &mut Progress<'_>,
+) -> Result<(), Error> {
+    let mut h = FRAME;
+    for i in 0..params.settle_steps {
+        simulation.v.iter_mut().for_each(|v| *v = Vec3::zeros());
+        if simulation.net_force() <= params.rest_tolerance {
+            break;
+        }
+        let before = simulation.state();
+        let share = if h < LONGEST_STEP { SETTLE_SHARE } else { 0.0 };
+        let step = simulation.quasi_static(h, share)?;
+        count(info, &step);
+        if !step.converged && h > SHORTEST_STEP {
+            simulation.restore(before);
+            h *= 0.25;
+            continue;
+        }
+        record(info, &step);
+        info.settle_steps += 1;
+        h = (GROWTH * h).min(LONGEST_STEP);
+        let share = (i + 1) as f64 / (params.settle_steps + 1) as f64;
+        progress(&Moment { share, phase: "settle", simulation });
+    }
+    Ok(())
+}
+
+/// Pushes what still crosses, each round with a frame after it.
+fn repair(simulation: &mut Simulation<'_>, params: &Params, info: &mut Info) -> Result<(), Error> {
+    let h = FRAME / params.steps_per_frame as f64;
+    for _ in 0..REPAIR_ROUNDS {
+        if push_out(simulation, h, params.push_steps, info)? {
+            break;
+        }
+        // Pushes leave the cloth out of balance: a frame in between.
+        for _ in 0..params.steps_per_frame {
+            advance(simulation, h, params.damping, info, MOST_HALVINGS)?;
+        }
+        info.frames += 1;
+    }
+    Ok(())
+}
+
+/// Pushes what is tangled to its right side, at rest after every push; returns whether there
+/// was nothing to push from the start.
+///
+/// A push is a step's minimisation with the springs of tangled pairs in it, which is cut short:
+/// its springs come and go as pairs change sides, so it has no minimum worth finding. Time
+/// steps start where nothing is tangled, and converge.
+pub(super) fn push_out(simulation: &mut Simulation<'_>, h: f64, most: usize, info: &mut Info) -> Result<bool, Error> {
+    simulation.reclassify();
+    for done in 0..most {
+        if simulation.contact.tangles().is_clean() {
+            return Ok(done == 0);
+        }
+        let step = simulation.push(h)?;
+        count(info, &step);
+        info.push_steps += 1;
+        simulation.reclassify();
+    }
+    Ok(most == 0)
+}
+
+/// One step; where it does not converge, two of half the length instead.
+pub(super) fn advance(
+    simulation: &mut Simulation<'_>,
+    h: f64,
+    damping: f64,
+    info: &mut Info,
+    halvings: u32,
+) -> Result<(), Error> {
+    let before = simulation.state();
+    let step = simulation.step(h, damping)?;
+    count(info, &step);
+    if !step.converged && halvings > 0 {
+        simulation.restore(before);
+        // Two halves that together take as much velocity away.
+        let half = 1.0 - (1.0 - damping).sqrt();
+        for _ in 0..2 {
+            advance(simulation, 0.5 * h, half, info, halvings - 1)?;
+        }
+        return Ok(());
+    }
+    record(info, &step);
+    Ok(())
+}
+
+/// Counts a step that was made.
+fn record(info: &mut Info, step: &StepInfo) {
+    info.steps += 1;
+    info.unconverged_steps += usize::from(!step.converged);
+    info.converged &= step.converged;
+    info.step_residual = info.step_residual.max(step.residual);
+}
+
+fn count(info: &mut Info, step: &StepInfo) {
+    info.newton_iterations += step.newton;
+    info.cg_iterations += step.cg;
+}
