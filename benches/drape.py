@@ -108,7 +108,17 @@ def theirs(npz: Path, folder: Path, frames: int, substeps: int) -> dict[str, Any
     out = folder / "peer.npz"
     script = npz.parents[1] / "drape_newton.py"
     command = [python, REPOSITORY / "benches/peer_frames.py", script, out, "1.0", npz]
-    command += ["--body", "target", "--solver", "style3d", "--keep-velocity", "--frames", frames, "--substeps", substeps]
+    command += [
+        "--body",
+        "target",
+        "--solver",
+        "style3d",
+        "--keep-velocity",
+        "--frames",
+        frames,
+        "--substeps",
+        substeps,
+    ]
     done = subprocess.run(list(map(str, command)), capture_output=True, text=True, check=False)
     if not out.exists():
         raise SystemExit(done.stderr[-2000:])

@@ -66,6 +66,7 @@ class DrapeReport(_Report):
 
     frames: int
     steps: int
+    settle_steps: int = Field(description="steps of the settling phase, of growing length")
     residual: float = Field(description="largest net force on a node over the mean weight of a node")
     kinetic_energy_j: float
     converged: bool
