@@ -143,8 +143,7 @@ fn test(fabric: &Fabric, h: f64, expected: &str) {
         frames: 0,
         settle: true,
         settle_steps: 240,
-        steps_per_frame: 2,
-        settle_damping: 0.1,
+        tolerance: 0.02,
         rest_tolerance: 0.05,
         ..Params::default()
     };

@@ -125,7 +125,12 @@ fn repair(simulation: &mut Simulation<'_>, params: &Params, info: &mut Info) -> 
 /// A push is a step's minimisation with the springs of tangled pairs in it, which is cut short:
 /// its springs come and go as pairs change sides, so it has no minimum worth finding. Time
 /// steps start where nothing is tangled, and converge.
-pub(super) fn push_out(simulation: &mut Simulation<'_>, h: f64, most: usize, info: &mut Info) -> Result<bool, Error> {
+pub(super) fn push_out(
+    simulation: &mut Simulation<'_>,
+    h: f64,
+    most: usize,
+    info: &mut Info,
+) -> Result<bool, Error> {
     simulation.reclassify();
     for done in 0..most {
         if simulation.contact.tangles().is_clean() {
