@@ -117,6 +117,7 @@ bench: $(VENV)/.built $(VENV)/.test-packages ## Benchmarks; with DRESSFORM_DATA,
 	$(BIN)/python benches/transfer_speed.py $(OUT)/meshes.json
 	@if [ -d "$${DRESSFORM_DATA:-}" ]; then \
 		PATH="$(CURDIR)/$(BIN):$$PATH" $(BIN)/python benches/all_pairs.py "$$DRESSFORM_DATA" $(OUT)/pairs; \
+		PATH="$(CURDIR)/$(BIN):$$PATH" $(BIN)/python benches/pattern.py "$$DRESSFORM_DATA"; \
 	else echo "skipped: the table over all pairs (DRESSFORM_DATA names no folder)"; fi
 	@if [ -d "$${DRESSFORM_DATA:-}" ] && [ -d "$${DRESSFORM_PEERS:-}" ]; then \
 		$(BIN)/python benches/posed.py "$$DRESSFORM_DATA"; \

@@ -18,6 +18,7 @@ pub mod certificate;
 pub mod device;
 pub mod drape;
 pub mod geometry;
+pub mod measure;
 pub mod model;
 pub mod pattern;
 pub mod pipeline;

@@ -9,6 +9,7 @@
 mod animate;
 mod carry;
 mod certify;
+mod ease;
 mod shapes;
 
 use std::time::Instant;
@@ -22,6 +23,7 @@ use crate::drape;
 use crate::drape::hold::Band;
 use crate::geometry::skinning::SkinningError;
 use crate::geometry::{OuterSkin, Surface};
+use crate::measure::{self, Ease};
 use crate::model::{BlendShape, Character, Garment, Outfit, Skin, Vec2, Vec3};
 use crate::pattern;
 use crate::proxy::{self, Proxy};
@@ -41,6 +43,8 @@ pub struct Settings {
     pub transfer: transfer::Params,
     /// Pattern refit.
     pub pattern: pattern::Params,
+    /// Ease by measurement.
+    pub ease: measure::Params,
     /// Draper.
     pub drape: drape::Params,
     /// Rig.
@@ -90,6 +94,8 @@ pub struct GarmentReport {
     pub transfer: transfer::Info,
     /// The pattern refit's account.
     pub pattern: pattern::Info,
+    /// Girths of the garment and of the bodies under it.
+    pub ease: Ease,
     /// The draper's account.
     pub drape: drape::Info,
     /// What held its bands, and how hard.
@@ -209,6 +215,9 @@ pub enum Error {
         /// Why.
         error: pattern::Error,
     },
+    /// A girth cannot be held as the settings say.
+    #[error(transparent)]
+    Hold(#[from] measure::HoldError),
     /// The draper failed.
     #[error("{garment}: drape: {error}")]
     Drape {
@@ -249,6 +258,7 @@ pub fn fit(
     for garment in &outfit.garments {
         check_body(outfit, garment, character)?;
     }
+    settings.ease.check()?;
     let proxies = outfit
         .garments
         .iter()
@@ -265,11 +275,12 @@ pub fn fit(
     progress("transfer", 1.0);
 
     let clock = Instant::now();
+    let tapes = ease::Tapes::new(outfit, character, &carried.unposed, &settings.ease);
     let mut patterns = Vec::new();
     for (g, garment) in outfit.garments.iter().enumerate() {
         progress("pattern", g as f64 / outfit.garments.len() as f64);
         let refitted = proxies[g]
-            .refit(&transferred[g].fitted, &settings.pattern)
+            .refit(&transferred[g].fitted, &settings.pattern, tapes.holding(garment).as_ref())
             .map_err(|error| Error::Pattern { garment: garment.path.clone(), error })?;
         patterns.push(refitted);
     }
@@ -303,14 +314,17 @@ pub fn fit(
     progress("certify", 0.0);
     let clock = Instant::now();
     let certificates = certify::run(outfit, &sources, character, &body, &draped, &patterns, &skins, &poses);
+    let eases: Vec<Ease> = (0..outfit.garments.len())
+        .map(|g| tapes.measure(&proxies[g], &transferred[g].fitted, &draped[g].points, &patterns[g].0))
+        .collect();
     seconds.certify = clock.elapsed().as_secs_f64();
     progress("certify", 1.0);
 
     let mut garments = Vec::new();
     let mut reports = Vec::new();
     let mut broken = Vec::new();
-    let parts = transferred.into_iter().zip(patterns).zip(draped).zip(skins).zip(certificates);
-    for ((garment, proxy), ((((transferred, pattern), draped), skin), certificate)) in
+    let parts = transferred.into_iter().zip(patterns).zip(draped).zip(skins).zip(certificates).zip(eases);
+    for ((garment, proxy), (((((transferred, pattern), draped), skin), certificate), ease)) in
         outfit.garments.iter().zip(&proxies).zip(parts)
     {
         let blend_shapes = shapes::run(character, &body, proxy, garment, &draped, settings);
@@ -325,6 +339,7 @@ pub fn fit(
             proxy: draped.proxy,
             transfer: transferred.info,
             pattern: pattern.1,
+            ease,
             drape: draped.info,
             held: draped.held,
             rig: skin.1,

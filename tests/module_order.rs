@@ -8,7 +8,7 @@ const ORDER: &[&[&str]] = &[
     &["device"],
     &["geometry", "solve"],
     &["pose"],
-    &["certificate"],
+    &["certificate", "measure"],
     &["transfer"],
     &["pattern"],
     &["proxy"],

@@ -67,6 +67,16 @@ pub fn rig(error: rig::Error) -> PyErr {
     }
 }
 
+/// A pattern that could not be refitted.
+pub fn pattern(error: pattern::Error) -> PyErr {
+    let message = error.to_string();
+    match error {
+        pattern::Error::Setting { .. } => class::BadSettings::new_err(message),
+        pattern::Error::Solve(_) => internal(message),
+        _ => input(message),
+    }
+}
+
 /// A fit that could not be made: the device, the settings or the input; numerics that failed on
 /// input which passed every check are a fault of ours.
 pub fn pipeline(error: pipeline::Error) -> PyErr {
@@ -76,7 +86,8 @@ pub fn pipeline(error: pipeline::Error) -> PyErr {
         pipeline::Error::Drape { error: drape::Error::Device(e), .. } => device(e),
         pipeline::Error::Proxy(e) => proxy(e),
         pipeline::Error::UnknownPose(_) => class::BadSettings::new_err(message),
-        pipeline::Error::Transfer(transfer::Error::Setting { .. })
+        pipeline::Error::Hold(_)
+        | pipeline::Error::Transfer(transfer::Error::Setting { .. })
         | pipeline::Error::Pattern { error: pattern::Error::Setting { .. }, .. }
         | pipeline::Error::Drape { error: drape::Error::Setting { .. }, .. }
         | pipeline::Error::Rig { error: rig::Error::Setting { .. }, .. } => {

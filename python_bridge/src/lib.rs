@@ -11,6 +11,7 @@ mod fit;
 mod job;
 mod posed;
 mod read;
+mod refit;
 mod rig;
 mod simulate;
 
@@ -30,6 +31,8 @@ mod _native {
     use crate::fit::{default_settings_json, fit};
     #[pymodule_export]
     use crate::posed::{posed_json, poses};
+    #[pymodule_export]
+    use crate::refit::{body_girths, refit};
     #[pymodule_export]
     use crate::rig::{PreparedBody, rig, rig_matches};
     #[pymodule_export]

@@ -119,6 +119,7 @@ class Writer:
 
     def __init__(self) -> None:
         self.classes: list[str] = []
+        self.common: set[str] = set()
 
     def struct(self, name: str, item: Item, defaults: dict[str, Any]) -> None:
         """Adds the class of a struct, and the classes that it holds before it."""
@@ -148,7 +149,13 @@ class Writer:
             else:
                 stem = owner.removesuffix("Settings")
                 hint = f"{'' if stem == 'Core' else stem}{''.join(p.title() for p in key.split('_'))}Settings"
-                self.struct(hint, found, default)
+                # A struct that several fields have in common is one class, named for itself.
+                common = sum(kind == other for _, _, other in item.members) > 1
+                if common:
+                    hint = f"{'' if stem == 'Core' else stem}{name}Settings"
+                if not (common and hint in self.common):
+                    self.struct(hint, found, default)
+                self.common.add(hint)
                 value = f"{hint}()"
         comment = _wrap(doc, "    #: ")
         return [*comment, f"    {key}: {hint}{' | None' if optional else ''} = {value}"]

@@ -9,6 +9,7 @@ pub mod fabric;
 pub mod garment;
 pub mod mesh;
 pub mod seam;
+pub mod tape;
 
 pub use chain::{Chain, seam_mismatch};
 pub use character::{BlendShape, Character, Collider, Skeleton, Skin};
@@ -16,6 +17,7 @@ pub use fabric::Fabric;
 pub use garment::{AuthoredSeam, Garment, GarmentSource, Panel, Role, SourceError};
 pub use mesh::TriMesh;
 pub use seam::SeamGroups;
+pub use tape::{ClothPoint, Tape};
 
 use serde::{Deserialize, Serialize};
 

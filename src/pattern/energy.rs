@@ -6,7 +6,7 @@
 //! and calls for ADMM; but its scale factor is linear in the border's vectors, so with the
 //! factors as unknowns the sum is a sparse, positive definite least-squares problem.
 //!
-//! Unknowns: `[x of all vertices, y of all vertices, scale factors]`.
+//! Unknowns: `[x of all vertices, y of all vertices, scale factors, turns of straight runs]`.
 
 use super::frame::Binding;
 use super::outline::Outline;
@@ -51,13 +51,15 @@ impl Quadratic {
 pub struct Weights {
     /// Outline against strain.
     pub outline: f64,
+    /// Straight runs against strain.
+    pub straight: f64,
     /// Pull towards the original place.
     pub anchor: f64,
 }
 
 /// Number of unknowns.
 pub fn size(garment: &Garment, outline: &Outline) -> usize {
-    2 * garment.points.len() + outline.scales
+    2 * garment.points.len() + outline.scales + outline.straight.len()
 }
 
 /// The whole energy.
@@ -68,13 +70,20 @@ pub fn assemble(garment: &Garment, bindings: &[Binding], outline: &Outline, weig
         add_strain(&mut form, n, tri, binding);
     }
     add_anchor(&mut form, garment, outline, weights.anchor);
+    // What no term speaks about is zero, and the matrix stays definite.
+    let first = 2 * n + outline.scales;
+    let mut unused = Vec::new();
     if weights.outline > 0.0 {
         add_outline(&mut form, n, outline, weights.outline);
     } else {
-        for s in 0..outline.scales {
-            form.matrix.add(2 * n + s, 2 * n + s, 1.0); // unused, but the matrix stays definite
-        }
+        unused.extend(2 * n..first);
     }
+    if weights.straight > 0.0 {
+        add_straight(&mut form, n, first, outline, weights.straight);
+    } else {
+        unused.extend(first..form.right.len());
+    }
+    unused.into_iter().for_each(|i| form.matrix.add(i, i, 1.0));
     form
 }
 
@@ -113,6 +122,25 @@ fn add_outline(form: &mut Quadratic, n: usize, outline: &Outline, weight: f64) {
                     [(axis * n + *j as usize, 1.0), (axis * n + i, -1.0), (2 * n + hood.scale, -rest[axis])];
                 form.add_square(w, &c, 0.0);
             }
+        }
+    }
+}
+
+/// Straight runs that may turn; their turns stand from `first` on among the unknowns.
+fn add_straight(form: &mut Quadratic, n: usize, first: usize, outline: &Outline, weight: f64) {
+    for (r, run) in outline.straight.iter().enumerate() {
+        for ([u, v], rest) in &run.edges {
+            let length = rest.norm();
+            let normal = Vec2::new(-rest.y, rest.x) / (length * length);
+            let at = |axis: usize, vertex: u32| axis * n + vertex as usize;
+            let c = [
+                (at(0, *v), normal.x),
+                (at(0, *u), -normal.x),
+                (at(1, *v), normal.y),
+                (at(1, *u), -normal.y),
+                (first + r, -1.0),
+            ];
+            form.add_square(weight * run.reference_length * length, &c, 0.0);
         }
     }
 }

@@ -87,12 +87,18 @@ fn degenerate(garment: &Garment, element: usize, space: &'static str) -> Error {
     Error::Degenerate { garment: garment.path.clone(), element, space }
 }
 
-/// The bindings of all triangles for a garment carried to `target`.
+/// The bindings of all triangles for a garment carried to `target`, each made wider by its
+/// `widening` (shape `[triangles]`, or empty).
 ///
 /// # Errors
 /// [`Error::Degenerate`] if a triangle has no area in its panel, or none on the source while
 /// its stretch is wanted.
-pub fn bind(garment: &Garment, target: &[Vec3], fit: Fit) -> Result<Vec<Binding>, Error> {
+pub fn bind(
+    garment: &Garment,
+    target: &[Vec3],
+    fit: Fit,
+    widening: &[Matrix2<f64>],
+) -> Result<Vec<Binding>, Error> {
     let source = stretches(garment, &garment.pattern, &garment.points)?;
     let carried = stretches(garment, &garment.pattern, target)?;
     (0..garment.triangles.len())
@@ -106,7 +112,11 @@ pub fn bind(garment: &Garment, target: &[Vec3], fit: Fit) -> Result<Vec<Binding>
             };
             let (s_ref, _) = raise_eigenvalues(&s_ref, SMALLEST_STRETCH);
             // P = S_ref^-1 S_target P_0, so B = P^-1 = P_0^-1 S_target^-1 S_ref.
-            let wanted = s_ref.try_inverse().ok_or_else(|| degenerate(garment, t, "3D"))? * s_target * rest;
+            let mut wanted =
+                s_ref.try_inverse().ok_or_else(|| degenerate(garment, t, "3D"))? * s_target * rest;
+            if let Some(widening) = widening.get(t) {
+                wanted = widening * wanted;
+            }
             let b = wanted.try_inverse().ok_or_else(|| degenerate(garment, t, "3D"))?;
             let (g1, g2) = (b.row(0).transpose(), b.row(1).transpose());
             let area = 0.5 * wanted.determinant().abs();

@@ -5,9 +5,10 @@
 //! the target body the frame keeps its rotation and takes over the stretch that the source
 //! had ([`Fit::Keep`]) or none ([`Fit::Loose`]); bound to the triangle ([`frame`]), it says
 //! which 2D shape the triangle wants. The layout is the least-squares answer to all
-//! triangles ([`energy`]), to the shape of the outline ([`outline`]) and to equal lengths of
-//! what is sewn together ([`seam`]). Then inner vertices are tidied up and no triangle stays
-//! turned over ([`tidy`], [`untangle`]).
+//! triangles ([`energy`]) and to the shape of the outline ([`outline`]) among the layouts that
+//! obey ([`bounded`]) what is demanded ([`demand`]): equal lengths of what is sewn together,
+//! straight runs that stay straight, corners that keep their angle, girths. Then inner vertices
+//! are tidied up and no triangle stays turned over ([`tidy`], [`untangle`]).
 //!
 //! # What differs from the paper
 //! - No ADMM: with the outline's scale factors as unknowns the energy is quadratic, so one
@@ -18,156 +19,66 @@
 //! - Sewn chains ([`crate::model::Chain`]) keep equal lengths (or the ease that the original
 //!   had) by constraints; the outline's weight then only has to look after shape, and strain
 //!   need not pay for lengths.
+//! - What an outline may not lose is bounded and not weighed: a weight that straightens the
+//!   worst edge by force costs strain everywhere.
 //! - The tidy-up is kept to crumpled places: everywhere, it costs more strain than all the
 //!   rest of the refit (see [`tidy`]).
 //! - Triangles that flip are counted and repaired.
 
+pub mod bounded;
+pub mod demand;
 pub mod energy;
 pub mod frame;
+pub mod girth;
+mod info;
+mod mirror;
 pub mod outline;
-pub mod seam;
+mod params;
+pub mod runs;
+pub mod shape;
 pub mod tidy;
 pub mod untangle;
 
 #[cfg(test)]
 mod tests;
 
-use serde::{Deserialize, Serialize};
-use thiserror::Error;
+pub use girth::Holding;
+pub use info::{Error, Info, Repair};
+pub use params::{Fit, Params, Tidy};
+pub use shape::Shape;
 
-use crate::model::{Garment, Vec2, Vec3};
-use crate::solve::cholesky::{CholeskyError, SparseCholesky};
+use nalgebra::Matrix2;
+
+use crate::model::{Garment, Tape, Vec2, Vec3};
+use crate::solve::cholesky::SparseCholesky;
+use bounded::{Bounded, Stop};
+use demand::Demands;
 use energy::Weights;
 use outline::Outline;
+use runs::Runs;
 
-/// How the garment is to fit the new body.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum Fit {
-    /// As tight or loose as on the source: the source's stretch is kept.
-    #[default]
-    Keep,
-    /// Without stretch on the carried shape.
-    Loose,
+/// Excess over a bound of shape that is good enough: a tenth of a millimetre on a metre.
+const SHAPE_TOLERANCE: f64 = 1e-4;
+/// A step that moves no coordinate farther has converged [m].
+const STEP_TOLERANCE: f64 = 1e-5;
+
+/// A tape over the cloth and the length that it must have in the refitted pattern [m].
+#[derive(Clone, Debug, PartialEq)]
+pub struct Wanted {
+    /// The tape.
+    pub tape: Tape,
+    /// Its length [m].
+    pub length: f64,
 }
 
-/// Which inner vertices the Dirichlet energy tidies up.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum Tidy {
-    /// Those near triangles that the transfer crumpled or the layout turned over.
-    #[default]
-    Crumpled,
-    /// All of them, as in the paper: smoother, but far more strain.
-    All,
-    /// None.
-    Never,
-}
-
-/// Settings of the pattern refit.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub struct Params {
-    /// Fit of the garment.
-    pub fit: Fit,
-    /// Weight of the outline's shape against the cloth's strain (dimensionless).
-    pub outline_weight: f64,
-    /// Pull of every vertex towards its original place (dimensionless): settles where each
-    /// panel lies, nothing else.
-    pub anchor_weight: f64,
-    /// Change of relative length difference between sewn chains that is good enough.
-    pub seam_tolerance: f64,
-    /// Most solves that may be spent on it.
-    pub seam_iterations: usize,
-    /// Which inner vertices are smoothed by the Dirichlet energy afterwards.
-    pub tidy: Tidy,
-}
-
-impl Default for Params {
-    fn default() -> Self {
-        Params {
-            fit: Fit::Keep,
-            outline_weight: 0.1,
-            anchor_weight: 1e-8,
-            seam_tolerance: 1e-4,
-            seam_iterations: 20,
-            tidy: Tidy::Crumpled,
-        }
-    }
-}
-
-/// What had to be done against flipped triangles, from least to most.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum Repair {
-    /// Nothing.
-    #[default]
-    None,
-    /// Positive weights in the tidy-up.
-    ClampedWeights,
-    /// Foldover-free relaxation inside the outline.
-    Inside,
-    /// Foldover-free relaxation of a piece of the outline; lengths there are no longer exact.
-    Outline,
-    /// A blend with the original pattern, scaled.
-    Blend,
-}
-
-/// What the refit did and achieved.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub struct Info {
-    /// Solves with updated chain directions.
-    pub iterations: usize,
-    /// Norm of the energy's gradient, without the constraints' part, over that of its right side:
-    /// how well the linear solve did before constraints.
-    pub residual: f64,
-    /// Whether the chains' lengths reached `seam_tolerance`.
-    pub converged: bool,
-    /// Energy of the result over the pattern's area (half the mean square strain to the
-    /// wanted frames, plus the outline's part).
-    pub energy: f64,
-    /// The same at the unconstrained minimum, before the tidy-up.
-    pub energy_free: f64,
-    /// Median by area of the change of stretch against the source.
-    pub strain_change_p50: f64,
-    /// 99th percentile of it.
-    pub strain_change_p99: f64,
-    /// Largest change of relative length difference between sewn chains.
-    pub seam_mismatch_max: f64,
-    /// Number of sewn chains.
-    pub chains: usize,
-    /// Triangles that are turned over in the result.
-    pub flipped_triangles: usize,
-    /// Target triangles so crumpled that their frames were not followed to the letter.
-    pub crumpled_triangles: usize,
-    /// Area of the refitted pattern over the original's.
-    pub area_ratio: f64,
-    /// What was done against flipped triangles.
-    pub repaired: Repair,
-}
-
-/// Why a pattern cannot be refitted.
-#[derive(Clone, Debug, Error, PartialEq)]
-#[allow(missing_docs, reason = "each message names its fields")]
-pub enum Error {
-    /// A vertex array does not fit the garment.
-    #[error("{garment}: {found} target points, {expected} expected")]
-    Length { garment: String, found: usize, expected: usize },
-    /// A target position is not finite.
-    #[error("{garment}: target point {element} is not a finite number")]
-    NotFinite { garment: String, element: usize },
-    /// A triangle has no tangent frame.
-    #[error("{garment}: triangle {element} has no area in {space}")]
-    Degenerate { garment: String, element: usize, space: &'static str },
-    /// A setting makes no sense.
-    #[error("pattern.{name} is {value}, but {rule}")]
-    Setting { name: &'static str, value: f64, rule: &'static str },
-    /// The energy's matrix could not be factored.
-    #[error(transparent)]
-    Solve(#[from] CholeskyError),
-    /// The lengths of sewn chains could not be made equal.
-    #[error("the lengths of {chains} sewn chains contradict one another")]
-    Constraint { chains: usize },
+/// Girths that the refit must give, beside what the carried shape asks for.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Girths {
+    /// Tapes of given length.
+    pub tapes: Vec<Wanted>,
+    /// How much wider than the carried shape each triangle is to be: a symmetric map in warp
+    /// and weft axes, shape `[triangles]`; empty: as carried.
+    pub widening: Vec<Matrix2<f64>>,
 }
 
 /// Refits `garment`'s pattern to its vertices at `target_points` [m], shape `[vertices, 3]`.
@@ -177,10 +88,28 @@ pub enum Error {
 /// # Errors
 /// See [`Error`].
 pub fn run(garment: &Garment, target_points: &[Vec3], params: &Params) -> Result<(Vec<Vec2>, Info), Error> {
+    run_with_girths(garment, target_points, params, &Girths::default())
+}
+
+/// [`run`] with girths to be met.
+///
+/// # Errors
+/// See [`Error`].
+pub fn run_with_girths(
+    garment: &Garment,
+    target_points: &[Vec3],
+    params: &Params,
+    girths: &Girths,
+) -> Result<(Vec<Vec2>, Info), Error> {
     check(garment, target_points, params)?;
-    let bindings = frame::bind(garment, target_points, params.fit)?;
-    let outline = Outline::new(garment);
-    let weights = Weights { outline: params.outline_weight, anchor: params.anchor_weight };
+    let bindings = frame::bind(garment, target_points, params.fit, &girths.widening)?;
+    let runs = Runs::new(garment);
+    let outline = Outline::new(garment, &runs);
+    let weights = Weights {
+        outline: params.outline_weight,
+        straight: params.straight_weight,
+        anchor: params.anchor_weight,
+    };
     let form = energy::assemble(garment, &bindings, &outline, weights);
     let factor = SparseCholesky::new(form.right.len(), &form.matrix)?;
     let mut free = form.right.clone();
@@ -188,13 +117,28 @@ pub fn run(garment: &Garment, target_points: &[Vec3], params: &Params) -> Result
     let norm = |v: &[f64]| v.iter().map(|x| x * x).sum::<f64>().sqrt();
     let residual = norm(&form.gradient(&free)) / norm(&form.right);
 
-    let chains = garment.chains();
-    let constrained =
-        seam::Constrained { factor: &factor, free: &free, chains: &chains, original: &garment.pattern };
-    let (mut unknowns, outcome) = constrained.solve(params.seam_iterations, params.seam_tolerance)?;
-
     let n = garment.points.len();
     let border = tidy::border(garment);
+    let chains = garment.chains();
+    let demands = Demands {
+        original: &garment.pattern,
+        chains: &chains,
+        tapes: &girths.tapes,
+        runs: &runs,
+        mirrored: if params.mirror { runs.mirrored.clone() } else { Vec::new() },
+        corner: params.corner_bound.to_radians(),
+        straight: params.straight_bound,
+    };
+    let demands = demands.without_lopsided(&energy::positions(&free, n));
+    let stop = Stop {
+        iterations: params.seam_iterations,
+        length: params.seam_tolerance,
+        shape: SHAPE_TOLERANCE,
+        step: STEP_TOLERANCE,
+    };
+    let spoken = spoken(&border, &girths.tapes);
+    let (mut unknowns, outcome) = Bounded::new(&factor, &free, &spoken).solve(&demands, stop)?;
+
     let crumpled: Vec<u32> = (0..bindings.len()).filter(|&t| bindings[t].clamped).map(|t| t as u32).collect();
     let layout = energy::positions(&unknowns, n);
     let mut pattern = tidy::tidy(garment, &border, &crumpled, layout, params.tidy)?;
@@ -208,7 +152,11 @@ pub fn run(garment: &Garment, target_points: &[Vec3], params: &Params) -> Result
     let info = Info {
         iterations: outcome.iterations,
         residual,
-        converged: outcome.mismatch <= params.seam_tolerance,
+        converged: outcome.excess.length <= stop.length && outcome.excess.shape <= stop.shape,
+        length_residual: outcome.excess.length,
+        shape_residual: outcome.excess.shape,
+        step_residual_m: outcome.step,
+        bounds_held: outcome.active,
         energy: form.value(&unknowns) / area,
         energy_free: form.value(&free) / area,
         strain_change_p50: change[0],
@@ -217,10 +165,40 @@ pub fn run(garment: &Garment, target_points: &[Vec3], params: &Params) -> Result
         chains: chains.len(),
         flipped_triangles: tidy::flipped(garment, &pattern).len(),
         crumpled_triangles: crumpled.len(),
+        shape: Shape::new(garment, &runs, &pattern),
         area_ratio: pattern_area(garment, &pattern) / pattern_area(garment, &garment.pattern),
         repaired,
     };
     Ok((pattern, info))
+}
+
+/// [`run`], and once more where a girth is held: the refit as carried says how far off it is.
+///
+/// # Errors
+/// See [`Error`].
+pub fn run_holding(
+    garment: &Garment,
+    target_points: &[Vec3],
+    params: &Params,
+    holding: Option<&Holding<'_>>,
+) -> Result<(Vec<Vec2>, Info), Error> {
+    let carried = run(garment, target_points, params)?;
+    let girths = holding.map(|h| h.girths(garment, target_points, &carried.0)).unwrap_or_default();
+    if girths.tapes.is_empty() {
+        Ok(carried)
+    } else {
+        run_with_girths(garment, target_points, params, &girths)
+    }
+}
+
+/// The vertices that demands speak about: the border, and what tapes cross.
+fn spoken(border: &[bool], tapes: &[Wanted]) -> Vec<bool> {
+    let mut spoken = border.to_vec();
+    for point in tapes.iter().flat_map(|wanted| wanted.tape.segments.iter().flatten()) {
+        spoken[point.a as usize] = true;
+        spoken[point.b as usize] = true;
+    }
+    spoken
 }
 
 fn check(garment: &Garment, target: &[Vec3], params: &Params) -> Result<(), Error> {
@@ -237,16 +215,7 @@ fn check(garment: &Garment, target: &[Vec3], params: &Params) -> Result<(), Erro
             return Err(Error::Degenerate { garment: name(), element: t, space: "3D on the target" });
         }
     }
-    let positive = |value: f64| value.is_finite() && value > 0.0;
-    if !positive(params.anchor_weight) {
-        let rule = "it must be positive";
-        return Err(Error::Setting { name: "anchor_weight", value: params.anchor_weight, rule });
-    }
-    if !params.outline_weight.is_finite() || params.outline_weight < 0.0 {
-        let rule = "it must not be negative";
-        return Err(Error::Setting { name: "outline_weight", value: params.outline_weight, rule });
-    }
-    Ok(())
+    params.check()
 }
 
 /// Area of all triangles in `pattern` [m^2].

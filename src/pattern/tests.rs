@@ -1,5 +1,8 @@
 //! Closed forms, an ADMM as second solver, finite differences, and bad input.
 
+mod girths;
+mod outlines;
+
 use super::*;
 use crate::model::garment::GarmentSource;
 use crate::model::{AuthoredSeam, Panel};
@@ -161,7 +164,7 @@ fn tight_garment_keeps_its_strain_and_loose_gives_it_up() {
 fn binding_agrees_with_the_pseudo_inverse() {
     let garment = strip().garment(rolled(0.1, 1.07, 0.95));
     let target: Vec<Vec3> = garment.pattern.iter().map(|&p| rolled(0.2, 1.2, 1.1)(p)).collect();
-    let bindings = frame::bind(&garment, &target, Fit::Keep).unwrap();
+    let bindings = frame::bind(&garment, &target, Fit::Keep, &[]).unwrap();
     for (t, binding) in bindings.iter().enumerate() {
         let rest = frame::edges_2d(garment.pattern_corners(&garment.pattern, t)).try_inverse().unwrap();
         let space = |p: &[Vec3]| frame::edges_3d(garment.triangles[t].map(|v| p[v as usize]));
@@ -183,10 +186,13 @@ fn bumpy() -> (Garment, Vec<Vec3>) {
     (garment, target)
 }
 
+/// Weight of straight runs in the forms below.
+const STRAIGHT: f64 = 1.7;
+
 fn form(garment: &Garment, target: &[Vec3], weight: f64) -> (energy::Quadratic, Outline) {
-    let bindings = frame::bind(garment, target, Fit::Keep).unwrap();
-    let outline = Outline::new(garment);
-    let weights = Weights { outline: weight, anchor: 1e-6 };
+    let bindings = frame::bind(garment, target, Fit::Keep, &[]).unwrap();
+    let outline = Outline::new(garment, &Runs::new(garment));
+    let weights = Weights { outline: weight, straight: STRAIGHT, anchor: 1e-6 };
     (energy::assemble(garment, &bindings, &outline, weights), outline)
 }
 
@@ -199,10 +205,10 @@ fn energy_is_what_its_formula_says_and_its_gradient_agrees() {
     let u: Vec<f64> = (0..form.right.len()).map(|_| noise(&mut seed)).collect();
 
     let mut expected = 0.0;
-    for (t, b) in frame::bind(&garment, &target, Fit::Keep).unwrap().iter().enumerate() {
+    for (t, b) in frame::bind(&garment, &target, Fit::Keep, &[]).unwrap().iter().enumerate() {
         let p = garment.pattern_corners(&energy::positions(&u, n), t);
-        let f: nalgebra::Matrix2<f64> = (0..3).map(|k| p[k] * b.gradients[k].transpose()).sum();
-        expected += 0.5 * b.area * (f - nalgebra::Matrix2::identity()).norm_squared();
+        let f: Matrix2<f64> = (0..3).map(|k| p[k] * b.gradients[k].transpose()).sum();
+        expected += 0.5 * b.area * (f - Matrix2::identity()).norm_squared();
     }
     let x = energy::positions(&u, n);
     for hood in &outline.neighbourhoods {
@@ -210,6 +216,15 @@ fn energy_is_what_its_formula_says_and_its_gradient_agrees() {
             let z = x[*j as usize] - x[hood.vertex as usize];
             expected +=
                 0.5 * outline.arm_weight(0.7, hood, rest) * (z - rest * u[2 * n + hood.scale]).norm_squared();
+        }
+    }
+    let first = 2 * n + outline.scales;
+    assert!(!outline.straight.is_empty());
+    for (r, run) in outline.straight.iter().enumerate() {
+        for ([i, j], rest) in &run.edges {
+            let l = rest.norm();
+            let turn = rest.perp(&(x[*j as usize] - x[*i as usize])) / (l * l);
+            expected += 0.5 * STRAIGHT * run.reference_length * l * (turn - u[first + r]).powi(2);
         }
     }
     let value = form.value(&u);

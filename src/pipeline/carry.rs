@@ -38,6 +38,8 @@ pub(super) struct CarriedGarment {
 pub(super) struct CarriedOutfit {
     /// In the outfit's order.
     pub garments: Vec<CarriedGarment>,
+    /// The target in the pose of each source body, where it is in another.
+    pub unposed: Vec<Option<Character>>,
     pub flows: Vec<FlowReport>,
     pub notes: Vec<String>,
 }
@@ -52,6 +54,7 @@ pub(super) fn carry_all(
     cache: &Cache,
 ) -> Result<CarriedOutfit, Error> {
     let mut results = vec![None; outfit.garments.len()];
+    let mut unposed_targets = vec![None; outfit.bodies.len()];
     let (mut flows, mut notes) = (Vec::new(), Vec::new());
     for (b, body) in outfit.bodies.iter().enumerate() {
         let members: Vec<usize> =
@@ -83,9 +86,10 @@ pub(super) fn carry_all(
             };
             results[g] = Some(CarriedGarment { points, fitted, info });
         }
+        unposed_targets[b] = unposed.map(|u| u.character);
     }
     let garments = results.into_iter().map(|r| r.expect("every garment has a source body")).collect();
-    Ok(CarriedOutfit { garments, flows, notes })
+    Ok(CarriedOutfit { garments, unposed: unposed_targets, flows, notes })
 }
 
 /// Takes a garment on the unposed target to the target's own pose, with skin weights of its own.

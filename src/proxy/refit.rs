@@ -8,23 +8,30 @@
 
 use super::Proxy;
 use crate::model::{Vec2, Vec3};
-use crate::pattern::{self, Error, Info};
+use crate::pattern::{self, Error, Holding, Info};
 
 impl Proxy<'_> {
     /// Refits the pattern of the proxy carried to `points` [m], shape `[vertices of the proxy, 3]`.
+    ///
+    /// A girth in `holding` keeps its ease.
     ///
     /// Returns the panel coordinates of the whole garment [m], shape `[vertices, 2]`.
     ///
     /// # Errors
     /// See [`pattern::Error`].
-    pub fn refit(&self, points: &[Vec3], params: &pattern::Params) -> Result<(Vec<Vec2>, Info), Error> {
+    pub fn refit(
+        &self,
+        points: &[Vec3],
+        params: &pattern::Params,
+        holding: Option<&Holding<'_>>,
+    ) -> Result<(Vec<Vec2>, Info), Error> {
         let whole = self.whole;
-        let Some(split) = &self.split else { return pattern::run(whole, points, params) };
+        let Some(split) = &self.split else { return pattern::run_holding(whole, points, params, holding) };
         let lifted = self.lift(points);
         if whole.chains().iter().any(|c| self.is_detail(c.panel_a) != self.is_detail(c.panel_b)) {
-            return pattern::run(whole, &lifted, params);
+            return pattern::run_holding(whole, &lifted, params, holding);
         }
-        let (shell, mut info) = pattern::run(&split.shell.garment, points, params)?;
+        let (shell, mut info) = pattern::run_holding(&split.shell.garment, points, params, holding)?;
         let target = super::part::pick(&lifted, &split.details.vertices);
         let (details, more) = pattern::run(&split.details.garment, &target, params)?;
         let mut pattern = vec![Vec2::zeros(); whole.points.len()];
@@ -37,6 +44,11 @@ impl Proxy<'_> {
         info.iterations += more.iterations;
         info.residual = info.residual.max(more.residual);
         info.converged &= more.converged;
+        info.length_residual = info.length_residual.max(more.length_residual);
+        info.shape_residual = info.shape_residual.max(more.shape_residual);
+        info.step_residual_m = info.step_residual_m.max(more.step_residual_m);
+        info.bounds_held += more.bounds_held;
+        info.shape = info.shape.worst(&more.shape);
         info.seam_mismatch_max = info.seam_mismatch_max.max(more.seam_mismatch_max);
         info.chains += more.chains;
         info.flipped_triangles += more.flipped_triangles;

@@ -219,7 +219,7 @@ fn the_pattern_of_a_detail_follows_the_front() {
     let params = pattern::Params::default();
     let refit = |scale: f64| {
         let points: Vec<Vec3> = proxy.garment().points.iter().map(|p| p * scale).collect();
-        proxy.refit(&points, &params).unwrap()
+        proxy.refit(&points, &params, None).unwrap()
     };
     let (same, info) = refit(1.0);
     let change = same.iter().zip(&garment.pattern).map(|(a, b)| (a - b).norm()).fold(0.0, f64::max);

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
         NotInstalled,
     )
     from .fitting import fit
-    from .native import Fitted, fit_arrays
+    from .native import Fitted, Refitted, body_girths, fit_arrays, refit_arrays
     from .result import Result
     from .rigging import Rigged, prepare_body, rig_arrays
     from .settings import Settings, load
@@ -42,13 +42,16 @@ _HOMES = {
     "InternalFault": "errors",
     "NoDevice": "errors",
     "NotInstalled": "errors",
+    "Refitted": "native",
     "Result": "result",
     "Rigged": "rigging",
     "Settings": "settings",
+    "body_girths": "native",
     "fit": "fitting",
     "fit_arrays": "native",
     "load": "settings",
     "prepare_body": "rigging",
+    "refit_arrays": "native",
     "rig_arrays": "rigging",
 }
 
@@ -61,14 +64,17 @@ __all__ = [
     "InternalFault",
     "NoDevice",
     "NotInstalled",
+    "Refitted",
     "Result",
     "Rigged",
     "Settings",
     "__version__",
+    "body_girths",
     "fit",
     "fit_arrays",
     "load",
     "prepare_body",
+    "refit_arrays",
     "rig_arrays",
 ]
 

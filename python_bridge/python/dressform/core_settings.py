@@ -125,18 +125,65 @@ class PatternSettings(CoreModel):
     #: Without stretch on the carried shape.
     fit: Literal["keep", "loose"] = "keep"
     #: Weight of the outline's shape against the cloth's strain (dimensionless).
-    outline_weight: Number = 0.1
+    outline_weight: Number = 0.03
+    #: Weight of the straightness of originally straight runs, which may turn as a whole (dimensionless).
+    straight_weight: Number = 0.3
+    #: Most that an originally straight run may deviate from its chord, over the chord's length.
+    straight_bound: Number = 0.009
+    #: Most that a corner of the outline may change its angle [degrees].
+    corner_bound: Number = 2.8
+    #: Whether panels that mirror one another stay mirror images, where the target makes their edges less than
+    #: 3% different.
+    mirror: bool = True
     #: Pull of every vertex towards its original place (dimensionless): settles where each panel lies, nothing
     #: else.
     anchor_weight: Number = 1e-08
     #: Change of relative length difference between sewn chains that is good enough.
     seam_tolerance: Number = 0.0001
-    #: Most solves that may be spent on it.
-    seam_iterations: Count = 20
+    #: Most steps that may be spent on lengths and bounds.
+    seam_iterations: Count = 30
     #: Which inner vertices are smoothed by the Dirichlet energy afterwards. "crumpled": Those near triangles
     #: that the transfer crumpled or the layout turned over. "all": All of them, as in the paper: smoother,
     #: but far more strain. "never": None.
     tidy: Literal["crumpled", "all", "never"] = "crumpled"
+
+
+class EaseHoldHeldGirthSettings(CoreModel):
+    """One held girth: one of three ways to say its ease, or none."""
+
+    #: The ease itself [m]; negative is tighter than the body.
+    absolute: Number | None = None
+    #: The ease over the target body's girth.
+    relative: Number | None = None
+    #: The ease that the garment has on its source body. "free": It is not held. "absolute": In metres.
+    #: "relative": Over the body's girth.
+    source: Literal["free", "absolute", "relative"] = "free"
+
+
+class EaseHoldSettings(CoreModel):
+    """The ease to hold, girth by girth."""
+
+    #: Fullest girth of the chest below the armpits.
+    bust: EaseHoldHeldGirthSettings = EaseHoldHeldGirthSettings()
+    #: Narrowest girth between hips and chest.
+    waist: EaseHoldHeldGirthSettings = EaseHoldHeldGirthSettings()
+    #: Fullest girth about hip joints and seat.
+    hip: EaseHoldHeldGirthSettings = EaseHoldHeldGirthSettings()
+    #: Each leg below the crotch.
+    thigh: EaseHoldHeldGirthSettings = EaseHoldHeldGirthSettings()
+    #: Each upper arm.
+    upper_arm: EaseHoldHeldGirthSettings = EaseHoldHeldGirthSettings()
+    #: The neck.
+    neck: EaseHoldHeldGirthSettings = EaseHoldHeldGirthSettings()
+
+
+class EaseSettings(CoreModel):
+    """Settings of the ease by measurement."""
+
+    #: Names of the garments whose ease is held; empty: all.
+    garments: list[str] = []
+    #: Girths whose ease is held, each where a garment covers it.
+    hold: EaseHoldSettings = EaseHoldSettings()
 
 
 class DrapeClothSettings(CoreModel):
@@ -306,6 +353,8 @@ class CoreSettings(CoreModel):
     transfer: TransferSettings = TransferSettings()
     #: Pattern refit.
     pattern: PatternSettings = PatternSettings()
+    #: Ease by measurement.
+    ease: EaseSettings = EaseSettings()
     #: Draper.
     drape: DrapeSettings = DrapeSettings()
     #: Rig.

@@ -117,6 +117,42 @@ def record(value: Any) -> Any:
     return value
 
 
+@dataclass
+class Refitted:
+    """A refitted pattern and what the refit says about it."""
+
+    #: Panel coordinates of each triangle's corners [m], shape [t, 3, 2].
+    corner_pattern: Any
+    #: By the names of the report's ``pattern``.
+    report: dict[str, Any]
+    #: Wall time of the refit alone.
+    seconds: float
+
+
+def refit_arrays(garment: GarmentSource, points: Any, settings_json: str = "{}") -> Refitted:
+    """Refits a garment's pattern to its mesh's points on another body; no body is needed.
+
+    Args:
+        garment: the garment on its source.
+        points: where its points are now [m], shape [n, 3].
+        settings_json: settings that differ from the defaults, as JSON.
+
+    Raises:
+        BadInput: arrays that do not fit together.
+        BadSettings: an unknown key or a wrong value.
+    """
+    alone = replace(garment, body=0)
+    answer = _native.refit(record(alone), points, settings_json)
+    return Refitted(answer["corner_pattern"], json.loads(answer["report"]), answer["seconds"])
+
+
+def body_girths(character: Character) -> dict[str, Any]:
+    """A body's girths by name (``thigh_left``): their length ``girth_m`` [m] and where the tape lies
+    (``origin``, ``normal``), or why one was not found."""
+    girths: dict[str, Any] = _native.body_girths(record(character))
+    return girths
+
+
 def proxy_info(garment: GarmentSource, settings_json: str = "{}") -> dict[str, Any]:
     """Which panels a fit would leave out of its simulation and why, by the report's names.
 

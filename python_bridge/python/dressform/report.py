@@ -69,6 +69,7 @@ def show_result(result: Result) -> None:
     for garment in result.garments:
         table.add_row(*_row(garment))
     console.print(table)
+    _show_ease(console, result)
     times = "  ".join(f"{s} {result.seconds[s]:.1f}" for s in STAGES if s in result.seconds)
     console.print(f"seconds: {times}  total {result.seconds['total']:.1f}", style="dim")
     console.print(f"ran on {result.device.name} ({result.device.kind})", style="dim")
@@ -111,6 +112,28 @@ def show_simulation(found: Mapping[str, Any]) -> None:
     for note in found["notes"]:
         console.print(f"note: {note}", style="dim", markup=False)
     console.print(f"written to {found['output']}", markup=False)
+
+
+def _show_ease(console: Console, result: Result) -> None:
+    """Girths of garments and bodies, where there are any."""
+    table = Table(box=None, pad_edge=False, header_style="bold")
+    for name in ("ease [cm]", "girth"):
+        table.add_column(name)
+    for name in ("source", "target", "target body", "held"):
+        table.add_column(name, justify="right")
+    for garment in result.garments:
+        for entry in garment.ease.girths:
+            words = " ".join(filter(None, [entry.side, entry.girth.replace("_", " ")]))
+            table.add_row(
+                garment.name,
+                words + (" (open)" if entry.open else ""),
+                f"{100 * entry.source.ease_m:+.1f}",
+                f"{100 * entry.target.ease_m:+.1f}",
+                f"{100 * entry.target.body_m:.1f}",
+                "" if entry.held_m is None else f"{100 * entry.held_m:+.1f}",
+            )
+    if table.row_count:
+        console.print(table)
 
 
 def show_check(found: Mapping[str, Any]) -> None:

@@ -59,6 +59,46 @@ class PatternReport(_Report):
     seam_mismatch_max: float = Field(description="largest relative change of length between sewn chains")
     flipped_triangles: int
     area_ratio: float
+    straight_deviation_max: float = Field(
+        description="farthest that an originally straight edge strays from its chord, over its length"
+    )
+    corner_change_max_deg: float = Field(description="largest change of a corner's angle [degrees]")
+    mirror_distance_max_m: float = Field(
+        description="largest distance between corners of mirrored panels, laid on each other [m]"
+    )
+    grain_turn_max_deg: float = Field(description="largest mean turn of a panel's grain [degrees]")
+    length_residual: float = Field(description="largest relative error of a length that was asked for")
+    shape_residual: float = Field(description="largest excess over a bound of the outline's shape")
+    converged: bool = Field(description="lengths and bounds are met")
+    repaired: str = Field(description="what flipped triangles took, 'none' if nothing")
+
+
+class Girths(_Report):
+    """A girth of a garment and of the body under it [m]."""
+
+    body_m: float = Field(description="convex hull of the body's section: as a tape measure lies")
+    garment_m: float = Field(description="the garment's section in its flat pattern: the cloth at rest")
+    ease_m: float = Field(description="the garment's less the body's")
+    worn_m: float = Field(description="the garment's section as worn")
+
+
+class GirthEase(_Report):
+    """One girth on source and target."""
+
+    girth: str = Field(description="bust, waist, hip, thigh, upper_arm or neck")
+    side: str | None = Field(description="left or right for limbs")
+    open: bool = Field(description="the garment does not close there")
+    source: Girths
+    refit: Girths = Field(description="on the target, refitted pattern on the carried shape")
+    target: Girths = Field(description="on the target, draped")
+    held_m: float | None = Field(description="the ease that a setting asked for")
+
+
+class EaseReport(_Report):
+    """The garment's ease by measurement."""
+
+    girths: list[GirthEase]
+    left_out: list[str] = Field(description="girths without a figure, and why")
 
 
 class DrapeReport(_Report):
@@ -173,6 +213,7 @@ class GarmentReport(_Report):
     proxy: ProxyReport
     transfer: TransferReport
     pattern: PatternReport
+    ease: EaseReport
     drape: DrapeReport
     held: list[HeldBand] = Field(description="bands that were held during the drape; empty where none was")
     rig: RigReport
