@@ -62,7 +62,7 @@ pub struct Params {
     /// Rounds of averaging the cloth's normals with their neighbours'.
     pub smoothing: usize,
     /// Length along the cloth over which weights are evened out, where it lies `gap` from the
-    /// skin; in proportion to the distance elsewhere [m].
+    /// skin; with the power 3/2 of the distance elsewhere [m].
     pub reach: f64,
     /// Distance from the skin that `reach` is meant for [m].
     pub gap: f64,
@@ -84,7 +84,7 @@ impl Default for Params {
             cone: 45.0,
             smoothing: 2,
             reach: 0.03,
-            gap: 0.0125,
+            gap: 0.016,
             jump: 0.6,
             ignore: IGNORED.map(str::to_owned).to_vec(),
         }

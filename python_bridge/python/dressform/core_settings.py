@@ -279,11 +279,11 @@ class RigSettings(CoreModel):
     cone: Number = 45.0
     #: Rounds of averaging the cloth's normals with their neighbours'.
     smoothing: Count = 2
-    #: Length along the cloth over which weights are evened out, where it lies `gap` from the skin; in
-    #: proportion to the distance elsewhere [m].
+    #: Length along the cloth over which weights are evened out, where it lies `gap` from the skin; with the
+    #: power 3/2 of the distance elsewhere [m].
     reach: Number = 0.03
     #: Distance from the skin that `reach` is meant for [m].
-    gap: Number = 0.0125
+    gap: Number = 0.016
     #: Largest change of the weights along an edge, as the sum of absolute differences (2 at most): where more
     #: is left, the ends are averaged with their neighbours.
     jump: Number = 0.6
