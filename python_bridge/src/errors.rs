@@ -77,6 +77,15 @@ pub fn pattern(error: pattern::Error) -> PyErr {
     }
 }
 
+/// A garment that could not be draped.
+pub fn drape(error: drape::Error) -> PyErr {
+    match error {
+        drape::Error::Device(e) => device(e),
+        drape::Error::Setting { .. } => class::BadSettings::new_err(error.to_string()),
+        _ => input(error.to_string()),
+    }
+}
+
 /// A fit that could not be made: the device, the settings or the input; numerics that failed on
 /// input which passed every check are a fault of ours.
 pub fn pipeline(error: pipeline::Error) -> PyErr {

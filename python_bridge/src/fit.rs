@@ -87,7 +87,8 @@ fn garment_dict<'py>(
     Ok(dict)
 }
 
-fn points<'py>(py: Python<'py>, points: &[Vec3]) -> PyResult<Bound<'py, PyAny>> {
+/// An array of shape `[points, 3]`.
+pub fn points<'py>(py: Python<'py>, points: &[Vec3]) -> PyResult<Bound<'py, PyAny>> {
     let flat: Vec<f64> = points.iter().flat_map(|p| [p.x, p.y, p.z]).collect();
     Ok(flat.into_pyarray(py).reshape([points.len(), 3])?.into_any())
 }

@@ -6,8 +6,10 @@
 
 use pyo3::prelude::*;
 
+mod drape;
 mod errors;
 mod fit;
+mod geometry;
 mod job;
 mod posed;
 mod read;
@@ -26,6 +28,12 @@ mod _native {
     use pyo3::types::PyDict;
 
     use crate::{errors, job, read};
+
+    #[pymodule_export]
+    use crate::drape::drape;
+
+    #[pymodule_export]
+    use crate::geometry::{grid_distances, intersections, outer_skin, winding_numbers};
 
     #[pymodule_export]
     use crate::fit::{default_settings_json, fit};

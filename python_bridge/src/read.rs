@@ -209,6 +209,65 @@ pub fn sewn(dict: &Bound<'_, PyDict>) -> PyResult<(Vec<Vec3>, Vec<[u32; 3]>, Sea
     Ok((mesh.points, mesh.triangles, groups))
 }
 
+/// A mesh from `{"points": ..., "triangles": ...}`; messages call it `name`.
+pub fn mesh(name: &str, dict: &Bound<'_, PyDict>) -> PyResult<TriMesh> {
+    Record { of: name.to_owned(), dict }.mesh()
+}
+
+/// Points from `{"points": ...}`; messages call them `name`.
+pub fn points(name: &str, dict: &Bound<'_, PyDict>) -> PyResult<Vec<Vec3>> {
+    Record { of: name.to_owned(), dict }.points()
+}
+
+/// Where a garment starts and what it is draped over.
+pub struct Scene {
+    /// Vertices [m].
+    pub points: Vec<Vec3>,
+    /// Their panel coordinates [m].
+    pub pattern: Vec<Vec2>,
+    /// Solids.
+    pub colliders: Vec<TriMesh>,
+    /// Finished garments.
+    pub layers: Vec<TriMesh>,
+    /// Vertices that do not move.
+    pub pinned: Vec<u32>,
+}
+
+/// The scene of a garment from the arguments of `dressform.native.drape_arrays`.
+pub fn scene(garment: &Garment, dict: &Bound<'_, PyDict>) -> PyResult<Scene> {
+    let record = Record { of: garment.path.clone(), dict };
+    let points = record.points()?;
+    if points.len() != garment.point_count {
+        let what = format!("has {} points, but the garment {}", points.len(), garment.point_count);
+        return Err(record.wrong("points", &what));
+    }
+    let mut pattern = garment.pattern.clone();
+    if !record.item("corner_pattern")?.is_none() {
+        let (corners, rows) = record.floats("corner_pattern", &[3, 2])?;
+        if rows != garment.triangles.len() {
+            let what = format!("has {rows} triangles, but the garment {}", garment.triangles.len());
+            return Err(record.wrong("corner_pattern", &what));
+        }
+        for (vertex, corner) in garment.triangles.iter().flatten().zip(corners.chunks_exact(2)) {
+            pattern[*vertex as usize] = Vec2::new(corner[0], corner[1]);
+        }
+    }
+    let held: Vec<u32> = record.integers("pinned", &[])?;
+    if let Some(i) = held.iter().position(|&p| p as usize >= garment.point_count) {
+        return Err(record.wrong("pinned", &format!("element {i}: there is no point {}", held[i])));
+    }
+    let pinned = (0..garment.points.len() as u32)
+        .filter(|&v| held.contains(&garment.point_of_vertex[v as usize]))
+        .collect();
+    let meshes = |key: &str| {
+        let mesh = |d: &Bound<'_, PyDict>| Record { of: format!("{}: {key}", garment.path), dict: d }.mesh();
+        record.dicts(key)?.iter().map(mesh).collect::<PyResult<Vec<_>>>()
+    };
+    let (colliders, layers) = (meshes("colliders")?, meshes("layers")?);
+    let points = garment.point_of_vertex.iter().map(|&p| points[p as usize]).collect();
+    Ok(Scene { points, pattern, colliders, layers, pinned })
+}
+
 /// A character from the fields of `dressform.model.Character`.
 pub fn character(dict: &Bound<'_, PyDict>) -> PyResult<Character> {
     let nameless = Record { of: "character".to_owned(), dict };

@@ -37,6 +37,7 @@ mod simulation;
 mod system;
 #[cfg(test)]
 mod tests;
+mod untangle;
 
 use serde::{Deserialize, Serialize};
 use thiserror::Error as ThisError;
@@ -99,6 +100,8 @@ pub struct Info {
     pub crossings_before: [usize; 2],
     /// The same at the end.
     pub crossings: [usize; 2],
+    /// Iterations that drew a deep start out of a solid.
+    pub draws: usize,
     /// Pushes made, see [`Params::push_steps`].
     pub push_steps: usize,
 }

@@ -1,14 +1,13 @@
 //! The phases of a drape: push out, untangle, settle, repair.
 
 use super::simulation::{Simulation, StepInfo};
+use super::untangle::{push_out, repair};
 use super::{Error, FRAME, Info, Moment, Params};
 use crate::model::Vec3;
 
 /// Called after every step.
 type Progress<'a> = dyn FnMut(&Moment<'_>) + 'a;
 
-/// Most rounds of pushes and a frame after the phases.
-const REPAIR_ROUNDS: usize = 3;
 /// Factor by which a settling step is longer than the one before.
 const GROWTH: f64 = 2.0;
 /// Longest settling step [s]: what is left of inertia then is a thousandth of a node's weight for
@@ -19,7 +18,7 @@ const SHORTEST_STEP: f64 = 0.01;
 /// Share of its first residual at which a settling step's minimisation may end.
 const SETTLE_SHARE: f64 = 0.1;
 /// A step is halved at most this often before it is taken as it is.
-const MOST_HALVINGS: u32 = 2;
+pub(super) const MOST_HALVINGS: u32 = 2;
 
 /// Takes the cloth through all phases.
 pub(super) fn run(
@@ -103,47 +102,6 @@ fn settle(
     Ok(())
 }
 
-/// Pushes what still crosses, each round with a frame after it.
-fn repair(simulation: &mut Simulation<'_>, params: &Params, info: &mut Info) -> Result<(), Error> {
-    let h = FRAME / params.steps_per_frame as f64;
-    for _ in 0..REPAIR_ROUNDS {
-        if push_out(simulation, h, params.push_steps, info)? {
-            break;
-        }
-        // Pushes leave the cloth out of balance: a frame in between.
-        for _ in 0..params.steps_per_frame {
-            advance(simulation, h, params.damping, info, MOST_HALVINGS)?;
-        }
-        info.frames += 1;
-    }
-    Ok(())
-}
-
-/// Pushes what is tangled to its right side, at rest after every push; returns whether there
-/// was nothing to push from the start.
-///
-/// A push is a step's minimisation with the springs of tangled pairs in it, which is cut short:
-/// its springs come and go as pairs change sides, so it has no minimum worth finding. Time
-/// steps start where nothing is tangled, and converge.
-pub(super) fn push_out(
-    simulation: &mut Simulation<'_>,
-    h: f64,
-    most: usize,
-    info: &mut Info,
-) -> Result<bool, Error> {
-    simulation.reclassify();
-    for done in 0..most {
-        if simulation.contact.tangles().is_clean() {
-            return Ok(done == 0);
-        }
-        let step = simulation.push(h)?;
-        count(info, &step);
-        info.push_steps += 1;
-        simulation.reclassify();
-    }
-    Ok(most == 0)
-}
-
 /// One step; where it does not converge, two of half the length instead.
 pub(super) fn advance(
     simulation: &mut Simulation<'_>,
@@ -176,7 +134,7 @@ fn record(info: &mut Info, step: &StepInfo) {
     info.step_residual = info.step_residual.max(step.residual);
 }
 
-fn count(info: &mut Info, step: &StepInfo) {
+pub(super) fn count(info: &mut Info, step: &StepInfo) {
     info.newton_iterations += step.newton;
     info.cg_iterations += step.cg;
 }

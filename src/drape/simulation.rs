@@ -350,9 +350,28 @@ impl<'a> Simulation<'a> {
     pub(super) fn push(&mut self, h: f64) -> Result<StepInfo, Error> {
         self.offsets.turn(&self.x);
         self.contact.refresh(&self.points(), f64::INFINITY);
+        self.at_rest(h, PUSH_ITERATIONS)
+    }
+
+    /// An iteration towards the aims of points inside of solids, nothing else in the way.
+    pub(super) fn draw(&mut self, h: f64) -> Result<StepInfo, Error> {
+        self.offsets.turn(&self.x);
+        self.contact.let_through(&self.points());
+        self.at_rest(h, 1)
+    }
+
+    /// The equilibrium without gravity and friction, from rest.
+    pub(super) fn relax(&mut self, h: f64) -> Result<StepInfo, Error> {
+        self.offsets.turn(&self.x);
+        self.contact.refresh(&self.points(), f64::INFINITY);
+        self.at_rest(h, self.params.max_newton)
+    }
+
+    /// Minimises from rest, in at most so many iterations; leaves the cloth at rest.
+    fn at_rest(&mut self, h: f64, most: usize) -> Result<StepInfo, Error> {
         let (start, target) = (self.x.clone(), self.x.clone());
         let problem = Problem { start, target, inertia: 1.0 / (h * h), friction: Vec::new() };
-        let (x, info) = self.minimise(&problem, PUSH_ITERATIONS, 0.0)?;
+        let (x, info) = self.minimise(&problem, most, 0.0)?;
         self.x = x;
         self.v.iter_mut().for_each(|v| *v = Vec3::zeros());
         Ok(info)

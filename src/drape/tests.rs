@@ -2,6 +2,7 @@
 
 mod elastica;
 mod statics;
+mod tangles;
 
 use super::phases::advance;
 use super::setup::simulation;

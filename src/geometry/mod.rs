@@ -29,6 +29,6 @@ pub mod winding;
 
 pub use bvh::Node;
 pub use patch::Patch;
-pub use skin::{OuterSkin, outer_skin, submesh};
+pub use skin::{OuterSkin, buried, outer_skin, submesh};
 pub use surface::{Closest, Hit, Surface};
 pub use winding::Moments;

@@ -7,7 +7,8 @@
 
 use rayon::prelude::*;
 
-use super::Surface;
+use super::{Surface, intersect};
+use crate::model::seam::DisjointSets;
 use crate::model::{TriMesh, Vec3};
 
 /// A component is enclosed if less than this fraction of its rays escapes. Of the eyes of our
@@ -15,7 +16,11 @@ use crate::model::{TriMesh, Vec3};
 /// a hundred; a shoe or a ring, worn on the outside, lets about half escape.
 const ESCAPING: f64 = 0.35;
 
-/// A body without its inner parts: what cloth can lie on.
+/// How far outside of a triangle it is asked whether that is inside of the body [m].
+const ABOVE: f64 = 1e-4;
+
+/// A body without its inner parts and without skin that lies inside of it, where it crosses
+/// itself: what cloth can lie on.
 #[derive(Clone, Debug)]
 pub struct OuterSkin {
     /// Its surface.
@@ -25,11 +30,68 @@ pub struct OuterSkin {
 }
 
 impl OuterSkin {
-    /// Leaves out what [`outer_skin`] calls enclosed.
+    /// Leaves out what [`outer_skin`] calls enclosed and [`buried`] finds.
     pub fn new(body: &TriMesh) -> OuterSkin {
-        let (mesh, point_of) = submesh(body, &outer_skin(body));
+        let (mut mesh, point_of) = submesh(body, &outer_skin(body));
+        let surface = Surface::new(mesh.clone());
+        let buried = buried(&surface);
+        if !buried.contains(&true) {
+            return OuterSkin { surface, point_of };
+        }
+        let mut keep = buried.iter().map(|buried| !buried);
+        mesh.triangles.retain(|_| keep.next() == Some(true));
         OuterSkin { surface: Surface::new(mesh), point_of }
     }
+}
+
+/// Whether each triangle lies inside of the body that it belongs to: skin beyond the curve where
+/// a body crosses itself (an arm in the flank, one flap of a fold in another). Triangles that
+/// the curve passes are not buried.
+///
+/// The winding number just outside of the skin changes only across that curve, so that it is
+/// asked once for each part that the curve cuts off.
+pub fn buried(surface: &Surface) -> Vec<bool> {
+    let mesh = surface.mesh();
+    let crossing = intersect::self_intersections(surface);
+    if crossing.is_empty() {
+        return vec![false; mesh.triangles.len()];
+    }
+    let mut cut = vec![false; mesh.triangles.len()];
+    crossing.iter().flatten().for_each(|&t| cut[t as usize] = true);
+    let (part, count) = parts(mesh, &cut);
+    let mut largest: Vec<Option<(f64, usize)>> = vec![None; count];
+    for t in (0..cut.len()).filter(|&t| !cut[t]) {
+        let area = mesh.area_normal(t).norm();
+        let best = &mut largest[part[t] as usize];
+        if best.is_none_or(|(most, _)| area > most) {
+            *best = Some((area, t));
+        }
+    }
+    let inside: Vec<bool> = largest
+        .par_iter()
+        .map(|best| {
+            let Some((_, t)) = *best else { return false };
+            let [a, b, c] = mesh.corners(t);
+            let normal = mesh.area_normal(t).try_normalize(0.0).unwrap_or_else(Vec3::zeros);
+            surface.winding_number(&((a + b + c) / 3.0 + normal * ABOVE)) > 0.5
+        })
+        .collect();
+    (0..cut.len()).map(|t| !cut[t] && inside[part[t] as usize]).collect()
+}
+
+/// Parts of a mesh that are joined over edges between triangles that are not `cut`, and their
+/// number.
+fn parts(mesh: &TriMesh, cut: &[bool]) -> (Vec<u32>, usize) {
+    let mut sets = DisjointSets::new(mesh.triangles.len());
+    let mut first = std::collections::HashMap::new();
+    for (t, tri) in mesh.triangles.iter().enumerate().filter(|(t, _)| !cut[*t]) {
+        for k in 0..3 {
+            let (a, b) = (tri[k], tri[(k + 1) % 3]);
+            let other = *first.entry((a.min(b), a.max(b))).or_insert(t as u32);
+            sets.union(other, t as u32);
+        }
+    }
+    sets.labels()
 }
 
 /// Whether each point belongs to the outer skin: false for the components that others enclose
@@ -129,6 +191,29 @@ mod tests {
         let mut mesh = sphere(12, 16);
         mesh.points.iter_mut().for_each(|p| *p = center + *p * radius);
         mesh
+    }
+
+    #[test]
+    fn skin_inside_of_crossing_balls_is_buried() {
+        let mesh = joined(&[ball(Vec3::zeros(), 1.0), ball(Vec3::new(1.1, 0.02, 0.03), 0.6)]);
+        let buried = buried(&Surface::new(mesh.clone()));
+        let half = mesh.triangles.len() / 2;
+        let within = |t: usize| {
+            let (center, radius) =
+                if t < half { (Vec3::new(1.1, 0.02, 0.03), 0.6) } else { (Vec3::zeros(), 1.0) };
+            mesh.corners(t).map(|p| (p - center).norm() / radius)
+        };
+        for t in 0..mesh.triangles.len() {
+            let far = within(t);
+            if far.iter().all(|&d| d < 0.9) {
+                assert!(buried[t], "{t} {far:?}");
+            }
+            assert!(!buried[t] || far.iter().all(|&d| d < 1.0), "{t} {far:?}");
+        }
+        assert!(!super::buried(&Surface::new(ball(Vec3::zeros(), 1.0))).contains(&true));
+        let skin = OuterSkin::new(&mesh);
+        let gone = buried.iter().filter(|b| **b).count();
+        assert_eq!(skin.surface.mesh().triangles.len(), mesh.triangles.len() - gone);
     }
 
     #[test]

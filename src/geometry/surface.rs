@@ -179,6 +179,11 @@ impl Surface {
 
     /// The closest point of the surface, if it is nearer than `max_distance` [m].
     pub fn closest_within(&self, p: &Vec3, max_distance: f64) -> Option<Closest> {
+        self.closest_among(p, max_distance, |_| true)
+    }
+
+    /// As [`Surface::closest_within`], among the triangles that `keep` says.
+    pub fn closest_among(&self, p: &Vec3, max_distance: f64, keep: impl Fn(u32) -> bool) -> Option<Closest> {
         let q = bvh::to_parry(p);
         let found = self.tree.find_best(
             max_distance,
@@ -192,7 +197,7 @@ impl Surface {
                 let corners = self.mesh.corners(t as usize);
                 let barycentric = triangle::closest(p, &corners);
                 let point = triangle::at(&corners, &barycentric);
-                Some(((point - p).norm(), (point, barycentric)))
+                keep(t).then(|| ((point - p).norm(), (point, barycentric)))
             },
         );
         let (triangle, (distance, (point, barycentric))) = found?;

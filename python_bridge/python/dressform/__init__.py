@@ -5,8 +5,8 @@
     result = dressform.fit("outfit.usda", "character.usdc", "dressed.usda")
     print(result.passed, result.garments[0].certificate.body_intersections)
 
-Arrays without USD: :func:`dressform.fit_arrays` over the data classes of :mod:`dressform.model`, and
-:func:`dressform.rig_arrays` for skin weights alone.
+Arrays without USD: :func:`dressform.fit_arrays` over the data classes of :mod:`dressform.model`,
+:func:`dressform.drape_arrays` for the drape and :func:`dressform.rig_arrays` for skin weights alone.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
         NotInstalled,
     )
     from .fitting import fit
-    from .native import Fitted, Refitted, body_girths, fit_arrays, refit_arrays
+    from .native import Draped, Fitted, Refitted, body_girths, drape_arrays, fit_arrays, refit_arrays
     from .result import Result
     from .rigging import Rigged, prepare_body, rig_arrays
     from .settings import Settings, load
@@ -37,6 +37,7 @@ _HOMES = {
     "BadInput": "errors",
     "BadOutput": "errors",
     "BadSettings": "errors",
+    "Draped": "native",
     "DressformError": "errors",
     "Fitted": "native",
     "InternalFault": "errors",
@@ -47,6 +48,7 @@ _HOMES = {
     "Rigged": "rigging",
     "Settings": "settings",
     "body_girths": "native",
+    "drape_arrays": "native",
     "fit": "fitting",
     "fit_arrays": "native",
     "load": "settings",
@@ -59,6 +61,7 @@ __all__ = [
     "BadInput",
     "BadOutput",
     "BadSettings",
+    "Draped",
     "DressformError",
     "Fitted",
     "InternalFault",
@@ -70,6 +73,7 @@ __all__ = [
     "Settings",
     "__version__",
     "body_girths",
+    "drape_arrays",
     "fit",
     "fit_arrays",
     "load",

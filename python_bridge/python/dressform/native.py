@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from typing import Any
 
@@ -24,6 +24,7 @@ from .model import (
     Outfit,
     Panel,
 )
+from .settings import Settings, parse
 
 #: Called with the stage's name and the fraction of it that is done, 0 to 1.
 Progress = Callable[[str, float], None]
@@ -31,6 +32,16 @@ Progress = Callable[[str, float], None]
 #: Fields that only reading and writing stages need; the core never sees them.
 _BOOKKEEPING = {"origin", "pattern_origin", "notes", "file", "frame", "variants"}
 _RECORDS = (AuthoredSeam, BlendShape, Character, Collider, Fabric, GarmentSource, Outfit, Panel)
+
+
+@dataclass
+class Draped:
+    """A draped garment."""
+
+    #: Points of the source mesh [m], shape [n, 3].
+    points: Floats
+    #: The drape's account, by the report's names (``drape`` in a fit's report).
+    info: dict[str, Any]
 
 
 @dataclass
@@ -105,6 +116,97 @@ def simulate_arrays(
     )
     report = {"device": answer["device"], "garments": json.loads(answer["garments"])}
     return answer["frames"], report
+
+
+def drape_arrays(
+    garment: GarmentSource,
+    points: Floats | None = None,
+    *,
+    corner_pattern: Floats | None = None,
+    colliders: Sequence[tuple[Floats, Indices]] = (),
+    layers: Sequence[tuple[Floats, Indices]] = (),
+    pinned: Sequence[int] = (),
+    settings: Settings | Mapping[str, Any] | None = None,
+    device: str = "auto",
+    progress: Progress | None = None,
+) -> Draped:
+    """Drapes one garment over surfaces: the drape stage of a fit by itself, no USD.
+
+    Args:
+        garment: the garment on its source body, metres, Y up.
+        points: where it starts [m], shape [n, 3]; where its source has it by default.
+        corner_pattern: its panels [m], shape [t, 3, 2]; those of the source by default.
+        colliders: solids as (points, triangles), closed or not; eyes and teeth are best left out.
+        layers: finished lower garments, triangles facing outward.
+        pinned: points that stay where they start.
+        settings: of a fit; the table ``drape`` is what counts.
+        device: ``auto``, ``cpu``, ``gpu`` or a part of an adapter's name.
+        progress: called from this thread while the core runs.
+
+    Raises:
+        BadInput: arrays that do not fit together; names garment, field and element.
+        BadSettings: an unknown key or a wrong value.
+        NoDevice: no such device, or it failed.
+        InternalFault: a bug of the core.
+    """
+    chosen = settings if isinstance(settings, Settings) else parse(settings or {})
+    meshes = [[{"points": p, "triangles": t} for p, t in group] for group in (colliders, layers)]
+    scene = {
+        "points": garment.points if points is None else points,
+        "corner_pattern": corner_pattern,
+        "colliders": meshes[0],
+        "layers": meshes[1],
+        "pinned": np.asarray(pinned, dtype=np.uint32),
+    }
+    alone = replace(garment, body=0)  # it is told apart from its body here
+    answer = _native.drape(record(alone), scene, chosen.core_json(), device, progress)
+    return Draped(answer["points"], json.loads(answer["info"]))
+
+
+def winding_numbers(points: Floats, triangles: Indices, queries: Floats) -> Floats:
+    """Hierarchical winding numbers of a mesh around ``queries`` [m], shape [q].
+
+    1 inside and 0 outside of a closed mesh, in between near the holes of an open one; within 1e-3 of
+    the sum of solid angles.
+    """
+    mesh = {"points": points, "triangles": triangles}
+    numbers: Floats = _native.winding_numbers(mesh, {"points": queries})
+    return numbers
+
+
+def grid_distances(
+    points: Floats,
+    triangles: Indices,
+    queries: Floats,
+    *,
+    threshold: float = 0.5,
+    spacing: float = 5e-3,
+    band: float = 2e-2,
+) -> Floats:
+    """Signed distances [m] of a narrow-band grid, negative inside; NaN outside of the band.
+
+    Inside is where the winding number exceeds ``threshold``: 0.5 for closed meshes, 0.25 for garments.
+    """
+    mesh = {"points": points, "triangles": triangles}
+    values: Floats = _native.grid_distances(mesh, {"points": queries}, threshold, spacing, band)
+    return values
+
+
+def intersections(points: Floats, triangles: Indices, other: tuple[Floats, Indices] | None = None) -> Indices:
+    """Pairs of triangles that intersect, by exact predicates, shape [k, 2]: of two meshes or, without
+    ``other``, of one with itself (pairs that share points count if they meet beyond what they share).
+    """
+    second = None if other is None else {"points": other[0], "triangles": other[1]}
+    pairs: Indices = _native.intersections({"points": points, "triangles": triangles}, second)
+    return pairs
+
+
+def outer_skin(points: Floats, triangles: Indices) -> tuple[Floats, Indices]:
+    """The part of a body that cloth can lie on: without eyes, teeth and tongue, and without skin
+    inside of the body where it crosses itself. Points [m], shape [n, 3], and triangles.
+    """
+    skin = _native.outer_skin({"points": points, "triangles": triangles})
+    return skin["points"], skin["triangles"]
 
 
 def record(value: Any) -> Any:

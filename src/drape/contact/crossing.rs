@@ -4,6 +4,7 @@ use rayon::prelude::*;
 use robust::{Coord3D, orient3d};
 
 use super::fixed::{Edges, Fixed};
+use super::regions::Regions;
 use super::sheet::Sheet;
 use super::tree::{BoxTree, bounds};
 use crate::model::Vec3;
@@ -17,8 +18,12 @@ pub struct Tangles {
     pub edges: Vec<Vec<bool>>,
     /// For each collider, the cloth triangles that meet it.
     pub triangles: Vec<Vec<bool>>,
+    /// For each collider, whether the cloth has its outside away from it, by and large.
+    pub outward: Vec<bool>,
     /// Cloth edge and cloth triangle that it passes through.
     pub own: Vec<[u32; 2]>,
+    /// Regions of the cloth that these cut off.
+    pub regions: Regions,
     /// Number of crossings with colliders.
     pub crossings: usize,
 }
@@ -27,16 +32,35 @@ impl Tangles {
     /// Finds everything.
     pub fn find(sheet: &Sheet, colliders: &[Fixed<'_>], x: &[Vec3]) -> Tangles {
         let mut tangles = Tangles::default();
+        tangles.find_inside(sheet, colliders, x);
         for collider in colliders {
-            let inside: Vec<bool> = x.par_iter().map(|p| collider.is_inside(p)).collect();
             let (edges, triangles, count) = with_collider(sheet, collider, x);
             tangles.crossings += count;
-            tangles.inside.push(inside);
             tangles.edges.push(edges);
             tangles.triangles.push(triangles);
         }
         tangles.own = with_itself(sheet, x);
+        tangles.regions = Regions::new(sheet, &tangles.own, x);
         tangles
+    }
+
+    /// Finds the points on the wrong sides of colliders alone.
+    pub fn find_inside(&mut self, sheet: &Sheet, colliders: &[Fixed<'_>], x: &[Vec3]) {
+        let normals = sheet.normals(x);
+        (self.inside, self.outward) = (Vec::new(), Vec::new());
+        for collider in colliders {
+            let (inside, outward): (Vec<bool>, Vec<bool>) = x
+                .par_iter()
+                .zip(&normals)
+                .map(|(p, normal)| {
+                    let side = collider.side(p);
+                    (collider.is_inside(p, &side), side.normal.dot(normal) > 0.0)
+                })
+                .unzip();
+            let agree = outward.iter().filter(|outward| **outward).count();
+            self.outward.push(2 * agree > x.len());
+            self.inside.push(inside);
+        }
     }
 
     /// Whether nothing is on a wrong side.

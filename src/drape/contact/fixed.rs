@@ -19,6 +19,13 @@ const LAYER_THRESHOLD: f64 = 0.25;
 /// Deepest start below a lower garment that is taken for a fault [m].
 const LAYER_DEPTH: f64 = 0.03;
 
+/// Cosine between cloth and skin from which on they face the same way.
+const FACING: f64 = 0.2;
+/// How much farther than the closest point a way out may be that faces the same way.
+const DETOUR: f64 = 2.0;
+/// The same for shallow points [m].
+const DETOUR_MIN: f64 = 5e-3;
+
 /// Edges of a mesh with the triangles at their sides.
 #[derive(Clone, Debug, Default)]
 pub struct Edges {
@@ -139,10 +146,28 @@ impl<'a> Fixed<'a> {
         Side { point: closest.point, normal, signed, border }
     }
 
-    /// Whether `x` starts on the wrong side: inside by its pseudo-normal *and* by the winding
-    /// number, and for a sheet neither past a border nor too deep to be meant.
-    pub fn is_inside(&self, x: &Vec3) -> bool {
+    /// Where `x` is to leave: the closest point or, with the cloth's outward `normal` there, the
+    /// closest of those that face the same way. An armpit's cloth then goes to the armpit and not
+    /// to the chest, and the two layers in a fold of the skin each to their own side of it.
+    pub fn way_out(&self, x: &Vec3, normal: Option<&Vec3>) -> Side {
         let side = self.side(x);
+        let Some(normal) = normal.filter(|n| n.dot(&side.normal) < FACING) else { return side };
+        let reach = DETOUR * side.signed.abs() + DETOUR_MIN;
+        let faces = |t: u32| self.triangle_normals[t as usize].dot(normal) > FACING;
+        match self.surface.closest_among(x, reach, faces) {
+            Some(c) => Side {
+                point: c.point,
+                normal: self.triangle_normals[c.triangle as usize],
+                signed: -c.distance,
+                border: false,
+            },
+            None => side,
+        }
+    }
+
+    /// Whether `x`, seen at `side`, starts on the wrong side: inside by its pseudo-normal *and* by
+    /// the winding number, and for a sheet neither past a border nor too deep to be meant.
+    pub fn is_inside(&self, x: &Vec3, side: &Side) -> bool {
         if side.signed >= 0.0 || (!self.solid && (side.border || side.signed < -LAYER_DEPTH)) {
             return false;
         }

@@ -4,30 +4,38 @@
 //! itself) resist by a barrier over their distance and are never crossed: a move is cut
 //! where additive continuous collision detection says so, which keeps clean what is clean.
 //! *Tangled* primitives are found by exact orientation tests, pseudo-normals and winding
-//! numbers where a step starts, and get springs along signed distances instead, which may
-//! pass; once they are through, the next step counts them as clean.
+//! numbers ([`crossing`]) where a step starts, and get springs instead, which may pass; once
+//! they are through, the next step counts them as clean. Springs act along the signed distance
+//! of tangled pairs, and towards *aims* ([`aim`]) of points inside of a collider, of regions
+//! inside of another part of the garment ([`regions`]) and of intersection contours
+//! ([`contour`]).
 //!
 //! The sides of tangled pairs: a collider's outward pseudo-normal; for two parts of one
-//! garment, the side that they have to each other on the source body.
+//! garment that are close on the source body, the side that they have to each other there; for
+//! others, the side of the larger region.
 //!
 //! Broad phase, narrow phase and collision detection run on the host in f64; potentials,
 //! their derivatives and the Hessian product run on the device ([`operator`]).
 
 pub mod activation;
+pub mod aim;
 pub mod carried;
 pub mod ccd;
+pub mod contour;
 pub mod crossing;
 pub mod distance;
 pub mod fixed;
 pub mod narrow;
 pub mod operator;
 pub mod pairs;
+pub mod regions;
 pub mod sheet;
 pub mod stencil;
 pub mod tree;
 
 use rayon::prelude::*;
 
+use aim::Aim;
 use crossing::Tangles;
 use narrow::Contacts;
 use pairs::{Mode, Pair, Radii, Scene};
@@ -41,6 +49,9 @@ pub const KERNELS: &[&Kernel] = operator::KERNELS;
 /// Pairs this much farther apart than their radius are found by the broad phase [m].
 const MARGIN: f64 = 6e-3;
 
+/// Longest move where nothing is in the way [m].
+const LONGEST_DRAW: f64 = 0.05;
+
 /// The contact problem of one garment.
 pub struct Contact<'a> {
     /// Cloth and colliders.
@@ -50,8 +61,10 @@ pub struct Contact<'a> {
     stiffness: f64,
     tangles: Tangles,
     pairs: Vec<Pair>,
-    inside: Vec<(u16, u32, f64)>,
+    aims: Vec<Aim>,
     built_at: Vec<Vec3>,
+    /// Whether only aims act, see [`Contact::let_through`].
+    through: bool,
 }
 
 impl<'a> Contact<'a> {
@@ -63,8 +76,9 @@ impl<'a> Contact<'a> {
             stiffness,
             tangles: Tangles::default(),
             pairs: Vec::new(),
-            inside: Vec::new(),
+            aims: Vec::new(),
             built_at: Vec::new(),
+            through: false,
         };
         contact.classify(x);
         contact
@@ -78,16 +92,29 @@ impl<'a> Contact<'a> {
     /// Finds what is tangled at `x`, and all pairs anew.
     pub fn classify(&mut self, x: &[Vec3]) {
         self.tangles = Tangles::find(&self.scene.sheet, &self.scene.colliders, x);
-        self.inside.clear();
-        for (c, inside) in self.tangles.inside.iter().enumerate() {
-            let points = inside.iter().enumerate().filter(|(_, inside)| **inside);
-            self.inside.extend(points.map(|(p, _)| (c as u16, p as u32, self.radii.collider[c])));
-        }
+        self.aims = aim::aims(&self.scene, &self.tangles, &self.radii, x);
         self.build(x);
+    }
+
+    /// Keeps nothing but the aims of points inside of solids, until the next classification.
+    pub fn let_through(&mut self, x: &[Vec3]) {
+        self.tangles.find_inside(&self.scene.sheet, &self.scene.colliders, x);
+        self.aims = aim::out_of_colliders(&self.scene, &self.tangles, &self.radii, x);
+        self.pairs.clear();
+        self.built_at = x.to_vec();
+        self.through = true;
+    }
+
+    /// How deep the deepest point inside of a solid is [m].
+    pub fn deepest(&self, x: &[Vec3]) -> f64 {
+        let depth = |aim: &Aim| aim.short_of(x) - aim.radius;
+        let solids = self.aims.iter().filter(|aim| aim.of_solid);
+        solids.map(depth).fold(0.0, f64::max)
     }
 
     fn build(&mut self, x: &[Vec3]) {
         let largest = self.radii.collider.iter().copied().fold(self.radii.own, f64::max);
+        self.through = false;
         self.pairs = self.scene.pairs(x, &self.radii, largest + MARGIN, &self.tangles);
         self.built_at = x.to_vec();
     }
@@ -100,6 +127,9 @@ impl<'a> Contact<'a> {
     /// Searches pairs again if a move of `wanted` [m] is longer than what is left of the budget of
     /// moves; returns whether it did and the longest move that the pairs allow now [m].
     pub fn refresh(&mut self, x: &[Vec3], wanted: f64) -> (bool, f64) {
+        if self.through {
+            return (false, LONGEST_DRAW);
+        }
         let left = 0.5 * MARGIN - self.moved(x);
         // What a search would add must be worth it.
         if left >= wanted.min(0.4 * MARGIN) {
@@ -111,7 +141,7 @@ impl<'a> Contact<'a> {
 
     /// The contacts at `x`.
     pub fn contacts(&self, x: &[Vec3]) -> Contacts {
-        narrow::contacts(&self.scene, &self.pairs, &self.inside, x, self.stiffness, self.moved(x))
+        narrow::contacts(&self.scene, &self.pairs, &self.aims, x, self.stiffness, self.moved(x))
     }
 
     /// The forces of clean pairs on the contact points that are `wanted` [N].

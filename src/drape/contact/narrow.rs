@@ -2,6 +2,7 @@
 
 use rayon::prelude::*;
 
+use super::aim::Aim;
 use super::ccd::{Shape, combine};
 use super::pairs::{FIXED, Mode, Pair, Role, Scene, orientation};
 use super::stencil::{Kind, Stencil};
@@ -28,14 +29,14 @@ pub struct Contacts {
     pub distances: Vec<f64>,
 }
 
-/// Finds the contacts of `pairs` and of the points `inside` a collider, at `x`.
+/// Finds the contacts of `pairs`, and the springs of `aims` that are not met, at `x`.
 ///
 /// `stiffness` is a pair's [N/m]; `moved` is how far a point may have moved since the pairs
 /// were found [m]: a pair that cannot have come near since is not looked at.
 pub fn contacts(
     scene: &Scene<'_>,
     pairs: &[Pair],
-    inside: &[(u16, u32, f64)],
+    aims: &[Aim],
     x: &[Vec3],
     stiffness: f64,
     moved: f64,
@@ -68,23 +69,8 @@ pub fn contacts(
         all.stencils.extend(part.stencils);
         all.distances.extend(part.distances);
     }
-    all.stencils.par_extend(inside.par_iter().filter_map(|&(c, p, radius)| {
-        let side = scene.colliders[c as usize].side(&x[p as usize]);
-        if side.signed >= radius {
-            return None;
-        }
-        let away = x[p as usize] - side.point;
-        let normal = if side.signed.abs() > 1e-6 { away / side.signed } else { side.normal };
-        Some(Stencil {
-            kind: Kind::Spring,
-            nodes: [scene.sheet.node[p as usize]; 4],
-            weights: [1.0, 0.0, 0.0, 0.0],
-            normal,
-            gap: side.signed,
-            radius,
-            stiffness,
-        })
-    }));
+    let springs = aims.par_iter().filter_map(|aim| aim.stencil(&scene.sheet.node, x, stiffness));
+    all.stencils.par_extend(springs);
     all
 }
 

@@ -15,6 +15,9 @@ use crate::model::Vec3;
 const SOURCE_SHARE: f64 = 0.9;
 /// Pairs of one garment closer than this on the source remember their sides [m].
 const SIDE_REACH: f64 = 0.015;
+/// While anything is tangled, pairs closer than this do not resist: one that all but touches
+/// would hold up the whole garment, and if it crosses it is tangled itself [m].
+const TOUCHING: f64 = 1e-5;
 /// Marks a corner that belongs to a collider.
 pub const FIXED: u32 = u32::MAX;
 
@@ -119,10 +122,12 @@ impl Scene<'_> {
     /// All pairs closer than `reach`, in a fixed order.
     pub fn pairs(&self, x: &[Vec3], radii: &Radii, reach: f64, tangles: &Tangles) -> Vec<Pair> {
         let mut pairs = Vec::new();
+        let least = if tangles.is_clean() { 0.0 } else { TOUCHING };
         for c in 0..self.colliders.len() {
             pairs.extend(self.on_collider(c, x, radii.collider[c], reach, tangles));
         }
         pairs.extend(self.own(x, radii.own, reach, tangles));
+        pairs.retain(|pair| pair.found_at >= least || !matches!(pair.mode, Mode::Clean));
         pairs
     }
 
@@ -175,16 +180,18 @@ impl Scene<'_> {
         let ends = |e: &[u32; 2]| bounds(&e.map(|i| x[i as usize]), 0.0);
         let faces_tree = BoxTree::new(sheet.triangles.iter().map(corners));
         let edges_tree = BoxTree::new(sheet.edges.ends.iter().map(ends));
-        let make = |role, a, b| {
+        let make = |role: Role, a: u32, b: u32| {
             let pair = Pair { role, collider: 0, a, b, radius, found_at: 0.0, mode: Mode::Clean };
             let mut pair = self.within(pair, x, reach)?;
             let (source, _) = self.corners(&pair, &sheet.source);
             let gap = role.shape().gap(&source);
             pair.radius = radius.min(SOURCE_SHARE * gap.norm());
+            let near = gap.norm() < SIDE_REACH;
             if tangled.contains(&(role, a, b)) {
-                let sign =
-                    if gap.norm() < SIDE_REACH { orientation(role, &source, &gap).signum() } else { 0.0 };
+                let sign = if near { orientation(role, &source, &gap).signum() } else { 0.0 };
                 pair.mode = Mode::Wrong { sign };
+            } else if !near && self.must_pass(role, a, b, tangles) {
+                return None;
             }
             Some(pair)
         };
@@ -204,6 +211,18 @@ impl Scene<'_> {
             });
         });
         [faces, edges].concat()
+    }
+
+    /// Whether one of the primitives lies in a region that has to go through the other.
+    fn must_pass(&self, role: Role, a: u32, b: u32, tangles: &Tangles) -> bool {
+        let sheet = &self.sheet;
+        match role {
+            Role::OwnFace => tangles.regions.must_pass(&[a], &sheet.triangles[b as usize]),
+            _ => {
+                let ends = |e: u32| sheet.edges.ends[e as usize];
+                tangles.regions.must_pass(&ends(a), &ends(b))
+            }
+        }
     }
 
     /// Pairs that take part in a crossing of an edge and a triangle.

@@ -49,6 +49,23 @@ impl Sheet {
         self.vertex.iter().map(|&v| vertices[v as usize]).collect()
     }
 
+    /// Unit normals of contact points at `x`, area-weighted and averaged once with their
+    /// neighbours' (zero where there is none).
+    pub fn normals(&self, x: &[Vec3]) -> Vec<Vec3> {
+        let mut sums = vec![Vec3::zeros(); x.len()];
+        for tri in &self.triangles {
+            let [a, b, c] = tri.map(|p| x[p as usize]);
+            let normal = (b - a).cross(&(c - a));
+            tri.iter().for_each(|&p| sums[p as usize] += normal);
+        }
+        let mut smooth = sums.clone();
+        for &[p, q] in &self.edges.ends {
+            smooth[p as usize] += sums[q as usize];
+            smooth[q as usize] += sums[p as usize];
+        }
+        smooth.iter().map(|n| n.try_normalize(0.0).unwrap_or_else(Vec3::zeros)).collect()
+    }
+
     /// Whether two sets of contact points have a node in common.
     pub fn share_node(&self, a: &[u32], b: &[u32]) -> bool {
         let node = |p: &u32| self.node[*p as usize];

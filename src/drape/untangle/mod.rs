@@ -1,0 +1,90 @@
+//! Untangling: what starts on a wrong side gets to its right one, at rest.
+//!
+//! No time passes and nothing falls; every stage minimises elastic energy and springs, so that
+//! the cloth around gives way where a part of it is moved:
+//! 1. *Draw*, for starts deep inside of a solid: every point inside is drawn to its way out
+//!    ([`super::contact::fixed::Fixed::way_out`]) with contact switched off, which would only
+//!    hold up cloth that has centimetres to go.
+//! 2. *Push*: springs on all that is tangled ([`super::contact::aim`]) against barriers and
+//!    continuous collision detection on all that is clean, a few iterations at a time.
+//! 3. *Relax*, after a draw: an equilibrium without friction, since the way through the body
+//!    left stretch behind that friction would keep.
+//!
+//! Time steps start after that, and converge by their own residual: a state that was reached by
+//! moving points counts only once they hold.
+
+use super::phases::{MOST_HALVINGS, advance, count};
+use super::simulation::Simulation;
+use super::{Error, FRAME, Info, Params};
+
+/// Starts deeper than this are drawn out before they are pushed [m].
+const DEEP: f64 = 0.01;
+/// Most iterations of a draw.
+const MOST_DRAWS: usize = 40;
+/// Most rounds of pushes and a frame after the phases.
+const REPAIR_ROUNDS: usize = 3;
+
+/// Pushes what is tangled to its right side, at most `most` times, with the inertia of steps of
+/// `h` [s]; returns whether nothing was tangled.
+///
+/// A push is a step's minimisation with the springs of tangled pairs in it, which is cut short:
+/// its springs come and go as pairs change sides, so it has no minimum worth finding.
+pub(super) fn push_out(
+    simulation: &mut Simulation<'_>,
+    h: f64,
+    most: usize,
+    info: &mut Info,
+) -> Result<bool, Error> {
+    simulation.reclassify();
+    if most == 0 || simulation.contact.tangles().is_clean() {
+        return Ok(true);
+    }
+    let drawn = draw(simulation, h, info)?;
+    for _ in 0..most {
+        if simulation.contact.tangles().is_clean() {
+            break;
+        }
+        let step = simulation.push(h)?;
+        count(info, &step);
+        info.push_steps += 1;
+        simulation.reclassify();
+    }
+    if drawn && simulation.contact.tangles().is_clean() {
+        let step = simulation.relax(FRAME)?;
+        count(info, &step);
+    }
+    Ok(false)
+}
+
+/// Draws what is deep inside of a solid to its way out; returns whether anything was.
+fn draw(simulation: &mut Simulation<'_>, h: f64, info: &mut Info) -> Result<bool, Error> {
+    if simulation.contact.deepest(&simulation.points()) < DEEP {
+        return Ok(false);
+    }
+    for _ in 0..MOST_DRAWS {
+        let step = simulation.draw(h)?;
+        count(info, &step);
+        info.draws += 1;
+        if simulation.contact.deepest(&simulation.points()) < 0.1 * DEEP {
+            break;
+        }
+    }
+    simulation.reclassify();
+    Ok(true)
+}
+
+/// After the phases: pushes what still crosses, each round with a frame after it.
+pub(super) fn repair(simulation: &mut Simulation<'_>, params: &Params, info: &mut Info) -> Result<(), Error> {
+    let h = FRAME / params.steps_per_frame as f64;
+    for _ in 0..REPAIR_ROUNDS {
+        if push_out(simulation, h, params.push_steps, info)? {
+            break;
+        }
+        // Pushes leave the cloth out of balance: a frame in between.
+        for _ in 0..params.steps_per_frame {
+            advance(simulation, h, params.damping, info, MOST_HALVINGS)?;
+        }
+        info.frames += 1;
+    }
+    Ok(())
+}
