@@ -23,7 +23,7 @@ from dressform.usd.character import read_character
 from dressform.usd.garment import read_outfit
 
 #: Transfer and pattern alone; and the default drape.
-STILL = json.dumps({"drape": {"frames": 0, "push_steps": 0}})
+STILL = json.dumps({"drape": {"frames": 0, "push_steps": 0, "settle": False}})
 DRAPED = "{}"
 
 

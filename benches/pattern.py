@@ -26,7 +26,7 @@ from dressform.usd.garment import read_outfit
 
 #: Tables are written after this line.
 MARKER = "<!-- made by benches/pattern.py -->"
-STILL = json.dumps({"drape": {"frames": 0, "push_steps": 0}})
+STILL = json.dumps({"drape": {"frames": 0, "push_steps": 0, "settle": False}})
 #: No term for the outline, no demand.
 BASE = {
     "outline_weight": 0.0, "straight_weight": 0.0, "seam_iterations": 0, "mirror": False, "tidy": "never",

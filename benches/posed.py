@@ -28,7 +28,7 @@ from dressform.native import SkinnedMesh, posed_check
 from dressform.usd.character import read_character
 from dressform.usd.garment import read_outfit
 
-STILL = {"drape": {"frames": 0, "push_steps": 0}, "posed": {"enabled": False}}
+STILL = {"drape": {"frames": 0, "push_steps": 0, "settle": False}, "posed": {"enabled": False}}
 METHODS = ("ours", "nearest", "inpaint")
 #: Weights below this are left out of a rival's influences.
 NEGLIGIBLE = 1e-7

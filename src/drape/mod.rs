@@ -19,8 +19,8 @@
 //! # Phases
 //! *Push out*: what starts on a wrong side is pushed through, at rest; no time passes.
 //! *Untangle*: 6 frames of 1/24 s with 90% velocity damping per step, as in the paper.
-//! *Settle* (off by default): quasi-static steps of growing length until the net force on
-//! every node is small, or to a limit.
+//! *Settle*: quasi-static steps of growing length until the net force on every node is small,
+//! or to a limit.
 //! *Repair*: if anything still crosses, further pushes, each round with a frame after it.
 
 pub mod cloth;

@@ -57,7 +57,7 @@ impl Default for Params {
             frames: 6,
             steps_per_frame: 4,
             damping: 0.9,
-            settle: false,
+            settle: true,
             settle_steps: 60,
             follow_damping: 0.05,
             rest_tolerance: 0.1,

@@ -42,6 +42,11 @@ pub(super) fn patches(n: usize, size: f64, places: &[&dyn Fn(f64, f64) -> Vec3])
     Garment::from_source(source).unwrap()
 }
 
+/// The default drape without its settling phase.
+fn untangling() -> Params {
+    Params { settle: false, ..Params::default() }
+}
+
 /// A large square at the origin, facing up, tilted about z by `slope` [rad].
 fn ground(slope: f64) -> Surface {
     let (c, s) = (slope.cos(), slope.sin());
@@ -109,7 +114,7 @@ fn mean(points: &[Vec3]) -> Vec3 {
 #[test]
 fn falls_freely() {
     let garment = patches(6, 0.3, &[&|x, y| Vec3::new(x, 1.0, y)]);
-    let params = Params { damping: 0.0, frames: 3, ..Params::default() };
+    let params = Params { damping: 0.0, frames: 3, ..untangling() };
     let out = drape(&garment, &[], &[], &params);
     let (n, h) = (12.0, FRAME / 4.0);
     // Implicit Euler: v = g n h, and the fall is g h^2 n (n + 1) / 2.
@@ -136,7 +141,7 @@ fn slide(tan: f64, frames: usize) -> f64 {
     // Where the penalty carries the weight, so that friction is right from the first step.
     let gap = 2e-3 - 0.15 * 9.81 * c / 2.5e6 * (81.0 / 64.0);
     let garment = patches(8, 0.3, &[&|x, y| Vec3::new(x * c - gap * s, x * s + gap * c, y)]);
-    let params = Params { damping: 0.0, tolerance: 1e-2, frames, ..Params::default() };
+    let params = Params { damping: 0.0, tolerance: 1e-2, frames, ..untangling() };
     let out = drape(&garment, &[&ground(slope)], &[], &params);
     assert!(out.info.converged);
     (mean(&garment.points) - mean(&out.points)).dot(&Vec3::new(c, s, 0.0))
@@ -163,7 +168,7 @@ fn sticks_and_slips_at_the_coefficient_of_friction() {
 fn hangs_by_its_weight() {
     let (n, size) = (8, 0.4);
     let garment = patches(n, size, &[&|x, y| Vec3::new(y, 1.0 - x, 0.0)]);
-    let params = Params { tolerance: 1e-3, cg_tolerance: 1e-3, ..Params::default() };
+    let params = Params { tolerance: 1e-3, cg_tolerance: 1e-3, ..untangling() };
     let top = row(&garment, 0.0);
     let input = Input { pinned: &top, ..still(&garment, &[], &[]) };
     let device = Device::cpu();
@@ -187,11 +192,11 @@ fn hangs_by_its_weight() {
 fn layers_stack() {
     let lower = patches(8, 0.3, &[&|x, y| Vec3::new(x, 2.2e-3, y)]);
     let floor = ground(0.0);
-    let first = drape(&lower, &[&floor], &[], &Params::default());
+    let first = drape(&lower, &[&floor], &[], &untangling());
     // Panels lie with their outside up: their triangles wind counter-clockwise from above.
     let layer = Surface::new(lower.mesh_at(&first.points));
     let upper = patches(7, 0.25, &[&|x, y| Vec3::new(x + 0.02, 5e-3, y + 0.03)]);
-    let params = Params { frames: 24, damping: 0.3, ..Params::default() };
+    let params = Params { frames: 24, damping: 0.3, ..untangling() };
     let second = drape(&upper, &[&floor], &[&layer], &params);
     assert!(second.info.converged, "{:?}", second.info);
     assert!(second.points.iter().all(|p| p.y > 2.5e-3 && p.y < 4.1e-3), "{:?}", mean(&second.points));
@@ -204,7 +209,7 @@ fn parts_of_one_garment_stack() {
     let low = |x: f64, y: f64| Vec3::new(x, 2.2e-3, y);
     let high = |x: f64, y: f64| Vec3::new(x + 0.013, 8e-3, y + 0.007);
     let garment = patches(6, 0.2, &[&low, &high]);
-    let params = Params { frames: 24, damping: 0.3, ..Params::default() };
+    let params = Params { frames: 24, damping: 0.3, ..untangling() };
     let out = drape(&garment, &[&ground(0.0)], &[], &params);
     assert!(out.info.converged, "{:?}", out.info);
     assert!(intersect::self_intersections(&Surface::new(garment.mesh_at(&out.points))).is_empty());
@@ -217,12 +222,12 @@ fn a_start_inside_is_pushed_out() {
     // The cloth cuts through the ball's cap, 8 mm below its top.
     let garment = patches(12, 0.3, &[&|x, y| Vec3::new(x - 0.15, 0.092, y - 0.15)]);
     let ball = sphere(0.1, 12);
-    let out = drape(&garment, &[&ball], &[], &Params::default());
+    let out = drape(&garment, &[&ball], &[], &untangling());
     assert!(out.info.inside_before > 0 && out.info.crossings_before[0] > 0);
     assert!(out.info.converged && out.info.crossings == [0, 0], "{:?}", out.info);
     let cloth = Surface::new(garment.mesh_at(&out.points));
     assert!(intersect::mesh_intersections(&cloth, &ball).is_empty());
-    let again = drape(&garment, &[&ball], &[], &Params::default());
+    let again = drape(&garment, &[&ball], &[], &untangling());
     assert!(out.points == again.points, "a rerun gives the same bytes");
 }
 
@@ -235,14 +240,14 @@ fn bad_input_is_refused() {
         let input = Input { points, ..still(&garment, &[], &[]) };
         run(&device, &input, params).unwrap_err()
     };
-    assert!(matches!(try_run(&points[1..], &Params::default()), Error::Length { .. }));
-    let params = Params { tolerance: f64::NAN, ..Params::default() };
+    assert!(matches!(try_run(&points[1..], &untangling()), Error::Length { .. }));
+    let params = Params { tolerance: f64::NAN, ..untangling() };
     assert!(matches!(try_run(&points, &params), Error::Setting { name: "tolerance", .. }));
     let pinned = Input { pinned: &[9], ..still(&garment, &[], &[]) };
-    let refused = run(&device, &pinned, &Params::default()).unwrap_err();
+    let refused = run(&device, &pinned, &untangling()).unwrap_err();
     assert!(matches!(refused, Error::Pinned { vertex: 9, .. }));
     points[3].y = f64::INFINITY;
-    assert!(matches!(try_run(&points, &Params::default()), Error::NotFinite { vertex: 3, .. }));
+    assert!(matches!(try_run(&points, &untangling()), Error::NotFinite { vertex: 3, .. }));
 }
 
 #[test]

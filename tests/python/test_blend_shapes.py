@@ -13,7 +13,7 @@ from dressform.usd.character import read_character
 from dressform.usd.garment import read_outfit
 from pxr import Gf, Tf, Usd, UsdGeom, UsdSkel, Vt
 
-STILL = {"drape": {"frames": 0, "push_steps": 0}, "posed": {"enabled": False}}
+STILL = {"drape": {"frames": 0, "push_steps": 0, "settle": False}, "posed": {"enabled": False}}
 #: How far the belly grows [m]; the shirt is 5 cm from the body.
 BELLY = 0.12
 

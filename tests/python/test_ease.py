@@ -11,7 +11,7 @@ from dressform.usd.character import read_character
 from dressform.usd.garment import read_outfit
 
 #: Transfer and pattern alone.
-STILL = {"drape": {"frames": 0, "push_steps": 0}}
+STILL = {"drape": {"frames": 0, "push_steps": 0, "settle": False}}
 
 
 @pytest.fixture(scope="module")

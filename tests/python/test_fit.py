@@ -15,7 +15,7 @@ from dressform.usd.garment import read_outfit
 from pxr import Usd
 
 #: One untangling step: enough to go through every stage.
-SHORT = {"drape": {"frames": 1, "steps_per_frame": 1, "max_newton": 2, "push_steps": 0}}
+SHORT = {"drape": {"frames": 1, "steps_per_frame": 1, "max_newton": 2, "push_steps": 0, "settle": False}}
 STAGES = {"read", "transfer", "pattern", "drape", "rig", "certify", "write", "total"}
 
 
@@ -23,7 +23,7 @@ STAGES = {"read", "transfer", "pattern", "drape", "rig", "certify", "write", "to
 def fitted(samples, tmp_path_factory):
     """One garment, through the command line: exit code, streams and the root layer."""
     folder = tmp_path_factory.mktemp("fit")
-    lines = [f"{key} = {value}" for key, value in SHORT["drape"].items()]
+    lines = [f"{key} = {json.dumps(value)}" for key, value in SHORT["drape"].items()]
     text = "\n".join(["[drape]", *lines, '[read]\ngarments = ["/Outfit/Skirt"]', ""])
     (folder / "short.toml").write_text(text)
     out = folder / "out.usda"

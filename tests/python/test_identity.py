@@ -9,7 +9,7 @@ import pytest
 from dressform.usd.garment import read_outfit
 
 #: Transfer and pattern alone.
-STILL = json.dumps({"drape": {"frames": 0, "push_steps": 0}})
+STILL = json.dumps({"drape": {"frames": 0, "push_steps": 0, "settle": False}})
 
 
 @pytest.mark.parametrize("by", [(0.0, 0.0, 0.0), (0.31, -0.17, 0.23)])

@@ -10,7 +10,7 @@ from dressform.model import Character, Outfit
 from dressing import skinned
 
 #: Transfer and pattern alone.
-STILL = json.dumps({"drape": {"frames": 0, "push_steps": 0}})
+STILL = json.dumps({"drape": {"frames": 0, "push_steps": 0, "settle": False}})
 ARMS = {"upperarm01_L": 1.0, "upperarm01_R": -1.0}
 
 

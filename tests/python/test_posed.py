@@ -16,7 +16,7 @@ from dressform.usd.garment import read_outfit
 from dressform.usd.write import write_dressed
 from pxr import Usd
 
-STILL = {"drape": {"frames": 0, "push_steps": 0}}
+STILL = {"drape": {"frames": 0, "push_steps": 0, "settle": False}}
 #: Height of a second skin above the body [m].
 ABOVE = 4e-3
 

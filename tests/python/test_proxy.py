@@ -16,7 +16,7 @@ from dressform.usd.character import read_character
 from dressform.usd.garment import read_outfit
 
 #: Every stage, but no time: a drape cut short would leave the cloth strained.
-STILL = {"drape": {"frames": 0, "push_steps": 0}}
+STILL = {"drape": {"frames": 0, "push_steps": 0, "settle": False}}
 
 
 def fit(outfit, character, out, *more):

@@ -10,7 +10,7 @@ from dressform.usd.garment import read_outfit
 from pxr import Sdf, Usd, UsdGeom
 
 #: Transfer and pattern alone.
-STILL = json.dumps({"drape": {"frames": 0, "push_steps": 0}})
+STILL = json.dumps({"drape": {"frames": 0, "push_steps": 0, "settle": False}})
 
 
 @pytest.fixture(scope="module")

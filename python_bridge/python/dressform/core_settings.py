@@ -229,7 +229,7 @@ class DrapeSettings(CoreModel):
     #: Share of the velocity that each untangling step takes away.
     damping: Number = 0.9
     #: Whether a settling phase follows.
-    settle: bool = False
+    settle: bool = True
     #: Most steps of the settling phase.
     settle_steps: Count = 60
     #: Share of the velocity that each step behind a moving body takes away.
