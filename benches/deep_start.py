@@ -31,7 +31,7 @@ def ours(arrays: dict[str, np.ndarray], frames: int, out: Path) -> dict:
     draped = dressform.drape_arrays(
         shirt,
         colliders=[(arrays["target_v"].astype(float), arrays["body_f"].astype(np.uint32))],
-        settings={"drape": {"frames": frames}},
+        settings={"drape": {"frames": frames, "settle": False}},
         device="cpu",
     )
     seconds = time.process_time() - started

@@ -194,7 +194,7 @@ def transferred(
     source = read_outfit(data / "outfits" / f"{outfit}.usda")
     file = cache / f"{outfit}_{character}.npz"
     if not file.exists():
-        still = dressform.Settings.model_validate({"drape": {"frames": 0, "push_steps": 0}})
+        still = dressform.Settings.model_validate({"drape": {"frames": 0, "push_steps": 0, "settle": False}})
         fitted = dressform.fit_arrays(source, target, still.core_json(), "cpu")
         arrays = {}
         for garment, dressed in zip(source.garments, fitted.garments, strict=True):
@@ -253,7 +253,7 @@ def main() -> int:
         started = time.process_time()
         draped = drape_arrays(
             tangle.garment, tangle.start, corner_pattern=tangle.corner_pattern, colliders=tangle.colliders,
-            layers=tangle.layers, settings={"drape": {"frames": options.frames}}, device="cpu",
+            layers=tangle.layers, settings={"drape": {"frames": options.frames, "settle": False}}, device="cpu",
         )  # fmt: skip
         seconds = time.process_time() - started
         after = counts(tangle, draped.points)

@@ -3,7 +3,7 @@
 use super::*;
 
 fn weightless() -> Params {
-    Params { gravity: 0.0, frames: 1, ..Params::default() }
+    Params { gravity: 0.0, frames: 1, ..untangling() }
 }
 
 /// A box between two corners, closed, facing outward.
@@ -67,7 +67,7 @@ fn a_cap_ten_centimetres_deep_leaves_the_ball() {
     };
     let ball = sphere(0.25, 16);
     let garment = patches(12, 0.2, &[&cap]);
-    let params = Params { gravity: 0.0, frames: 2, ..Params::default() };
+    let params = Params { gravity: 0.0, frames: 2, ..untangling() };
     let out = drape(&garment, &[&ball], &[], &params);
     assert_eq!(out.info.inside_before, 169);
     assert!(out.info.draws > 0 && out.info.draws < 20, "{:?}", out.info);
@@ -82,7 +82,7 @@ fn an_upper_layer_that_starts_below_goes_through() {
     let layer = Surface::new(lower.mesh());
     let slope = |x: f64, y: f64| Vec3::new(x + 0.02, 4e-3 + 0.03 * (x - 0.05), y + 0.03);
     let upper = patches(7, 0.25, &[&slope]);
-    let out = drape(&upper, &[&floor], &[&layer], &Params::default());
+    let out = drape(&upper, &[&floor], &[&layer], &untangling());
     assert!(out.info.inside_before > 0 && out.info.crossings_before[0] > 0);
     assert_clean(&upper, &out, &[&floor, &layer]);
     assert!(out.points.iter().all(|p| p.y > 9e-3), "{:?}", mean(&out.points));
@@ -113,7 +113,7 @@ fn coarse_cloth_over_a_sharp_elbow_crosses_nothing() {
     let wedge = Surface::new(TriMesh { points: points.collect(), triangles });
     assert!(wedge.is_closed() && wedge.winding_number(&Vec3::new(0.0, 0.1, 0.0)) > 0.5);
     let garment = patches(4, 0.4, &[&|x, y| Vec3::new(x - 0.2, 0.354, y - 0.2)]);
-    let params = Params { frames: 8, damping: 0.2, ..Params::default() };
+    let params = Params { frames: 8, damping: 0.2, ..untangling() };
     let out = drape(&garment, &[&wedge], &[], &params);
     assert_clean(&garment, &out, &[&wedge]);
     let lowest = out.points.iter().map(|p| p.y).fold(f64::MAX, f64::min);
@@ -132,7 +132,7 @@ fn from_a_clean_start_nothing_crosses() {
         let start = Surface::new(garment.mesh());
         assert!(intersect::self_intersections(&start).is_empty());
         assert!(intersect::mesh_intersections(&start, &ball).is_empty());
-        let params = Params { frames: 6, damping: 0.02, ..Params::default() };
+        let params = Params { frames: 6, damping: 0.02, ..untangling() };
         let out = drape(&garment, &[&ball], &[], &params);
         assert_clean(&garment, &out, &[&ball]);
     }
