@@ -12,7 +12,7 @@ from dressform.usd.character import read_character
 from dressform.usd.garment import read_outfit
 from dressform.usd.write import write_dressed
 from pxr import Gf, Sdf, Usd, UsdGeom, UsdSkel
-from test_skinning import weights_of
+from test_skinning import apart
 
 #: Bend of the joint in the middle [degrees], by time.
 BENDS = {1.0: 0.0, 12.0: 30.0, 24.0: -50.0}
@@ -62,15 +62,8 @@ def followed(out, results, skeleton_path: str) -> tuple[float, float]:
         posed = np.array([m.T for m in bind])
         posed[1:] = spine @ turn @ np.linalg.inv(spine) @ posed[1:]
         transforms = world @ posed @ np.linalg.inv(character.world_from_joint)
-        for garment, result in zip(again.garments, results, strict=True):
-            prim = stage.GetPrimAtPath(garment.path)
-            points = np.array(UsdGeom.Mesh(prim).GetPointsAttr().Get(time), float)
-            matrix = frame @ np.array(cache.GetLocalToWorldTransform(prim)).T
-            baked = points @ matrix[:3, :3].T + matrix[:3, 3]
-            indices, weights = weights_of(out, garment.path)
-            ours = dressing.skinned(result.points, indices, weights, transforms)
-            away = max(away, np.linalg.norm(baked - ours, axis=1).max())
-            moved = max(moved, np.linalg.norm(baked - result.points, axis=1).max())
+        here = apart(stage, time, out, again, results, transforms)
+        away, moved = max(away, here[0]), max(moved, here[1])
     return away, moved
 
 

@@ -52,11 +52,18 @@ def baked_against_ours(out, results, skeleton_path, angles):
         frame @ np.array(cache.GetLocalToWorldTransform(stage.GetPrimAtPath(skeleton_path))).T
     )
     transforms = world_from_skeleton @ posed @ np.linalg.inv(character.world_from_joint)
+    return apart(stage, 1.0, out, again, results, transforms)
+
+
+def apart(stage, time, out, again, results, transforms):
+    """Largest distance [m] of a baked stage's garments from ours under skinning ``transforms`` at one
+    time, and how far they moved [m]."""
+    cache = UsdGeom.XformCache(time)
     away, moved = 0.0, 0.0
     for garment, result in zip(again.garments, results, strict=True):
         prim = stage.GetPrimAtPath(garment.path)
-        points = np.array(UsdGeom.Mesh(prim).GetPointsAttr().Get(1.0), float)
-        matrix = frame @ np.array(cache.GetLocalToWorldTransform(prim)).T
+        points = np.array(UsdGeom.Mesh(prim).GetPointsAttr().Get(time), float)
+        matrix = again.frame.world_from_stage @ np.array(cache.GetLocalToWorldTransform(prim)).T
         baked = points @ matrix[:3, :3].T + matrix[:3, 3]
         indices, weights = weights_of(out, garment.path)
         ours = dressing.skinned(result.points, indices, weights, transforms)
