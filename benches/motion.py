@@ -1,12 +1,11 @@
 #!/usr/bin/env python3
-"""A dressed body in motion: garments simulated, intersections judged by exact tests.
+"""A dressed body in motion: garments simulated, with the simulation's own count of crossings.
 
     motion.py DRESSED OUT [FRAMES [SETTINGS]]
 
 Walks in place: thighs and knees swing, arms swing, the spine turns; legs by up to 25 degrees, arms
 by up to 20. Writes the animated stage and the simulation beside OUT, prints one JSON object: CPU
-seconds a frame, what the simulation reports, and crossings of the written points, counted by
-``ipctk`` where it is installed.
+seconds a frame, and what the simulation reports. The written points are judged by nobody else.
 """
 
 from __future__ import annotations
