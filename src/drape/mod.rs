@@ -102,6 +102,8 @@ pub struct Info {
     pub crossings: [usize; 2],
     /// Iterations that drew a deep start out of a solid.
     pub draws: usize,
+    /// Times that the cloth was lifted over the folds of lower layers.
+    pub lifts: usize,
     /// Pushes made, see [`Params::push_steps`].
     pub push_steps: usize,
 }

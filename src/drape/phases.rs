@@ -18,7 +18,7 @@ const SHORTEST_STEP: f64 = 0.01;
 /// Share of its first residual at which a settling step's minimisation may end.
 const SETTLE_SHARE: f64 = 0.1;
 /// A step is halved at most this often before it is taken as it is.
-pub(super) const MOST_HALVINGS: u32 = 2;
+pub(super) const MOST_HALVINGS: u32 = 4;
 
 /// Takes the cloth through all phases.
 pub(super) fn run(

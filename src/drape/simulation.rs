@@ -360,6 +360,15 @@ impl<'a> Simulation<'a> {
         self.at_rest(h, 1)
     }
 
+    /// Over the folds of lower layers that the cloth passes through; `None` where there are none.
+    pub(super) fn lift(&mut self, h: f64) -> Result<Option<StepInfo>, Error> {
+        self.offsets.turn(&self.x);
+        if !self.contact.lift(&self.points()) {
+            return Ok(None);
+        }
+        self.at_rest(h, self.params.max_newton).map(Some)
+    }
+
     /// The equilibrium without gravity and friction, from rest.
     pub(super) fn relax(&mut self, h: f64) -> Result<StepInfo, Error> {
         self.offsets.turn(&self.x);

@@ -20,7 +20,7 @@ const LAYER_THRESHOLD: f64 = 0.25;
 const LAYER_DEPTH: f64 = 0.03;
 
 /// Cosine between cloth and skin from which on they face the same way.
-const FACING: f64 = 0.2;
+pub(super) const FACING: f64 = 0.2;
 /// How much farther than the closest point a way out may be that faces the same way.
 const DETOUR: f64 = 2.0;
 /// The same for shallow points [m].

@@ -8,7 +8,8 @@
 //! they are through, the next step counts them as clean. Springs act along the signed distance
 //! of tangled pairs, and towards *aims* ([`aim`]) of points inside of a collider, of regions
 //! inside of another part of the garment ([`regions`]) and of intersection contours
-//! ([`contour`]).
+//! ([`contour`]). Cloth that is tangled with the folds of a lower layer is lifted over them first
+//! ([`lift`]).
 //!
 //! The sides of tangled pairs: a collider's outward pseudo-normal; for two parts of one
 //! garment that are close on the source body, the side that they have to each other there; for
@@ -25,6 +26,7 @@ pub mod contour;
 pub mod crossing;
 pub mod distance;
 pub mod fixed;
+mod lift;
 pub mod narrow;
 pub mod operator;
 pub mod pairs;
@@ -52,6 +54,17 @@ const MARGIN: f64 = 6e-3;
 /// Longest move where nothing is in the way [m].
 const LONGEST_DRAW: f64 = 0.05;
 
+/// What the cloth may pass through.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Passing {
+    /// What it is tangled with.
+    Tangled,
+    /// Lower layers, see [`Contact::lift`].
+    Layers,
+    /// Everything; only aims act, see [`Contact::let_through`].
+    All,
+}
+
 /// The contact problem of one garment.
 pub struct Contact<'a> {
     /// Cloth and colliders.
@@ -63,8 +76,7 @@ pub struct Contact<'a> {
     pairs: Vec<Pair>,
     aims: Vec<Aim>,
     built_at: Vec<Vec3>,
-    /// Whether only aims act, see [`Contact::let_through`].
-    through: bool,
+    passing: Passing,
 }
 
 impl<'a> Contact<'a> {
@@ -78,7 +90,7 @@ impl<'a> Contact<'a> {
             pairs: Vec::new(),
             aims: Vec::new(),
             built_at: Vec::new(),
-            through: false,
+            passing: Passing::Tangled,
         };
         contact.classify(x);
         contact
@@ -93,6 +105,7 @@ impl<'a> Contact<'a> {
     pub fn classify(&mut self, x: &[Vec3]) {
         self.tangles = Tangles::find(&self.scene.sheet, &self.scene.colliders, x);
         self.aims = aim::aims(&self.scene, &self.tangles, &self.radii, x);
+        self.passing = Passing::Tangled;
         self.build(x);
     }
 
@@ -102,7 +115,21 @@ impl<'a> Contact<'a> {
         self.aims = aim::out_of_colliders(&self.scene, &self.tangles, &self.radii, x);
         self.pairs.clear();
         self.built_at = x.to_vec();
-        self.through = true;
+        self.passing = Passing::All;
+    }
+
+    /// Until the next classification, lets the cloth through lower layers, with aims over what
+    /// lies above it; returns whether there are any.
+    pub fn lift(&mut self, x: &[Vec3]) -> bool {
+        let over = lift::over_layers(&self.scene, &self.tangles, &self.radii, x);
+        if over.is_empty() {
+            return false;
+        }
+        self.aims.retain(|aim| aim.of_solid);
+        self.aims.extend(over);
+        self.passing = Passing::Layers;
+        self.build(x);
+        true
     }
 
     /// How deep the deepest point inside of a solid is [m].
@@ -114,8 +141,11 @@ impl<'a> Contact<'a> {
 
     fn build(&mut self, x: &[Vec3]) {
         let largest = self.radii.collider.iter().copied().fold(self.radii.own, f64::max);
-        self.through = false;
         self.pairs = self.scene.pairs(x, &self.radii, largest + MARGIN, &self.tangles);
+        if self.passing == Passing::Layers {
+            let colliders = &self.scene.colliders;
+            self.pairs.retain(|p| p.role.is_own() || colliders[p.collider as usize].solid);
+        }
         self.built_at = x.to_vec();
     }
 
@@ -127,7 +157,7 @@ impl<'a> Contact<'a> {
     /// Searches pairs again if a move of `wanted` [m] is longer than what is left of the budget of
     /// moves; returns whether it did and the longest move that the pairs allow now [m].
     pub fn refresh(&mut self, x: &[Vec3], wanted: f64) -> (bool, f64) {
-        if self.through {
+        if self.passing == Passing::All {
             return (false, LONGEST_DRAW);
         }
         let left = 0.5 * MARGIN - self.moved(x);

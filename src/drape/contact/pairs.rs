@@ -37,6 +37,11 @@ pub enum Role {
 }
 
 impl Role {
+    /// Whether both are of the cloth.
+    pub fn is_own(self) -> bool {
+        matches!(self, Role::OwnFace | Role::OwnEdges)
+    }
+
     /// Its closest-point problem.
     pub fn shape(self) -> Shape {
         match self {

@@ -89,6 +89,23 @@ fn an_upper_layer_that_starts_below_goes_through() {
 }
 
 #[test]
+fn an_upper_layer_goes_over_an_overhanging_fold() {
+    // The lower layer stands up in a loop, wider than its foot; the upper one passes through it.
+    let fold = |x: f64, z: f64| {
+        let turn = std::f64::consts::TAU * ((x - 0.1) / 0.1).clamp(0.0, 1.0);
+        Vec3::new(x - 0.05 * turn.sin(), 0.01 + 0.02 * (1.0 - turn.cos()), z)
+    };
+    let layer = Surface::new(patches(36, 0.3, &[&fold]).mesh());
+    assert!(intersect::self_intersections(&layer).is_empty());
+    let upper = patches(14, 0.28, &[&|x, z| Vec3::new(x + 0.01, 0.022, z + 0.01)]);
+    let out = drape(&upper, &[], &[&layer], &weightless());
+    assert!(out.info.crossings_before[0] > 0 && out.info.lifts == 1, "{:?}", out.info);
+    assert_clean(&upper, &out, &[&layer]);
+    let over_it = out.points.iter().filter(|p| (p.x - 0.15).abs() < 0.03);
+    assert!(over_it.clone().count() > 20 && over_it.clone().all(|p| p.y > 0.045));
+}
+
+#[test]
 fn cloth_pinched_in_a_fold_finds_its_side() {
     // A fold of 3 mm: less than the contact distance on either side.
     let lower = cuboid(Vec3::new(-0.1, -0.1, -0.1), Vec3::new(0.3, 0.0, 0.3));

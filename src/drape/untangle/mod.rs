@@ -5,9 +5,11 @@
 //! 1. *Draw*, for starts deep inside of a solid: every point inside is drawn to its way out
 //!    ([`super::contact::fixed::Fixed::way_out`]) with contact switched off, which would only
 //!    hold up cloth that has centimetres to go.
-//! 2. *Push*: springs on all that is tangled ([`super::contact::aim`]) against barriers and
+//! 2. *Lift*, for cloth that passes through a lower layer: out over the layer's folds
+//!    ([`super::contact::lift`]), with contact against the layers switched off, to an equilibrium.
+//! 3. *Push*: springs on all that is tangled ([`super::contact::aim`]) against barriers and
 //!    continuous collision detection on all that is clean, a few iterations at a time.
-//! 3. *Relax*, after a draw: an equilibrium without friction, since the way through the body
+//! 4. *Relax*, after a draw: an equilibrium without friction, since the way through the body
 //!    left stretch behind that friction would keep.
 //!
 //! Time steps start after that, and converge by their own residual: a state that was reached by
@@ -40,6 +42,11 @@ pub(super) fn push_out(
         return Ok(true);
     }
     let drawn = draw(simulation, h, info)?;
+    if let Some(step) = simulation.lift(FRAME)? {
+        count(info, &step);
+        info.lifts += 1;
+        simulation.reclassify();
+    }
     for _ in 0..most {
         if simulation.contact.tangles().is_clean() {
             break;
