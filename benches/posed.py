@@ -8,7 +8,8 @@ Every garment of DATA on every character is transferred and rigged (and draped, 
 three times on the same geometry, with nothing but the weights exchanged. The rivals are
 ``rig_igl.py`` of DRESSFORM_PEERS: weights of the nearest body point, and weight inpainting
 [Abdrashitov 2023] with its default thresholds; both keep all their influences, ours are capped.
-Prints a table, means over the poses.
+Prints a table, means over the poses. Ours is refined against these very poses; with --held-out
+all are judged in others: half-way to each of them, and one's arms with another's trunk and legs.
 """
 
 from __future__ import annotations
@@ -24,9 +25,10 @@ import numpy as np
 from all_pairs import pairs
 from dressform import fit_arrays
 from dressform.model import Character, DressedGarment, GarmentSource
-from dressform.native import SkinnedMesh, posed_check
+from dressform.native import SkinnedMesh, posed_check, poses
 from dressform.usd.character import read_character
 from dressform.usd.garment import read_outfit
+from scipy.spatial.transform import Rotation
 
 STILL = {"drape": {"frames": 0, "push_steps": 0, "settle": False}, "posed": {"enabled": False}}
 METHODS = ("ours", "nearest", "inpaint")
@@ -78,7 +80,7 @@ def rivals(
 
 
 def judge(
-    peer: Any, character: Character, garment: GarmentSource, dressed: DressedGarment
+    peer: Any, character: Character, garment: GarmentSource, dressed: DressedGarment, held_out: bool
 ) -> dict[str, list[dict[str, Any]]]:
     """Figures of every pose for every method."""
     used, index = welded(garment, dressed.points)
@@ -94,7 +96,50 @@ def judge(
     skins = {"ours": ours}
     skins |= {name: sparse(w) for name, w in rivals(peer, character, points, triangles).items()}
     meshes = [SkinnedMesh(points, triangles, *skins[m]) for m in METHODS]
-    return dict(zip(METHODS, posed_check(character, meshes), strict=True))
+    others = other_poses(character) if held_out else None
+    return dict(zip(METHODS, posed_check(character, meshes, "{}", others), strict=True))
+
+
+#: Whose arms go with whose trunk and legs.
+MIXED = (
+    ("arms_up", "legs_apart"),
+    ("reach", "step"),
+    ("arms_crossed", "twist"),
+    ("hands_on_hips", "bend"),
+    ("arms_forward", "step"),
+    ("arms_up", "squat"),
+    ("t", "sit"),
+    ("arms_crossed", "lean"),
+)
+
+
+def other_poses(character: Character) -> dict[str, np.ndarray]:
+    """Poses that are not the check's own: every joint half-way there, and mixtures."""
+    parents, centers = character.joint_parents, character.world_from_joint[:, :3, 3]
+    above = np.eye(3)
+
+    def turns(matrices: np.ndarray) -> np.ndarray:
+        return np.stack([
+            (matrices[p, :3, :3] if p >= 0 else above).T @ m[:3, :3]
+            for p, m in zip(parents, matrices, strict=True)
+        ])  # fmt: skip
+
+    def pose(rotations: np.ndarray) -> np.ndarray:
+        matrices = np.tile(np.eye(4), (len(parents), 1, 1))
+        for j, p in enumerate(parents):  # parents come first
+            matrices[j, :3, :3] = rotations[j]
+            matrices[j, :3, 3] = centers[j] - rotations[j] @ centers[j]
+            matrices[j] = (matrices[p] if p >= 0 else np.eye(4)) @ matrices[j]
+        return matrices
+
+    local = {name: turns(matrices) for name, matrices in poses(character).items()}
+    half = {
+        f"half {name}": pose(Rotation.from_rotvec(0.5 * Rotation.from_matrix(r).as_rotvec()).as_matrix())
+        for name, r in local.items()
+    }
+    moved = {name: np.abs(r - above).max(axis=(1, 2)) > 1e-9 for name, r in local.items()}
+    mixed = {f"{a} and {b}": pose(np.where(moved[a][:, None, None], local[a], local[b])) for a, b in MIXED}
+    return half | mixed
 
 
 def summary(figures: list[dict[str, Any]]) -> dict[str, float]:
@@ -147,7 +192,10 @@ def arguments() -> argparse.Namespace:
     parser.add_argument("data", type=Path)
     parser.add_argument("--only", nargs="*", default=[], metavar="OUTFIT:CHARACTER")
     parser.add_argument("--drape", action="store_true", help="with the default drape")
-    parser.add_argument("--influences", type=int, help="cap of ours, where it is not the default")
+    parser.add_argument(
+        "--held-out", action="store_true", help="judged in poses that ours was not refined in"
+    )
+    parser.add_argument("--settings", default="{}", help="of the rig, as JSON")
     parser.add_argument("--cache", help="folder that keeps the flows between bodies")
     parser.add_argument("--json", type=Path, help="all figures of all poses")
     return parser.parse_args()
@@ -160,8 +208,7 @@ def main() -> int:
     import rig_igl as peer
 
     settings: dict[str, Any] = {"posed": {"enabled": False}} if options.drape else dict(STILL)
-    if options.influences:
-        settings["rig"] = {"influences": options.influences}
+    settings["rig"] = json.loads(options.settings)
     names = ["outfit", "character", "garment", *(heading for heading, *_ in COLUMNS)]
     print("| " + " | ".join(names) + " |\n|" + " --- |" * len(names), flush=True)
     everything, losses = {}, []
@@ -173,7 +220,7 @@ def main() -> int:
         character, _ = read_character(character_file)
         fitted = fit_arrays(outfit, character, json.dumps(settings), "cpu", None, options.cache)
         for garment, dressed in zip(outfit.garments, fitted.garments, strict=True):
-            figures = judge(peer, character, garment, dressed)
+            figures = judge(peer, character, garment, dressed, options.held_out)
             means = {m: summary(f) for m, f in figures.items()}
             everything[f"{name}:{garment.name}"] = figures
             print(row(name, garment.name, means), flush=True)

@@ -10,6 +10,7 @@ mod animate;
 mod carry;
 mod certify;
 mod ease;
+mod rigged;
 mod shapes;
 
 use std::time::Instant;
@@ -300,14 +301,7 @@ pub fn fit(
     seconds.drape = clock.elapsed().as_secs_f64();
 
     let clock = Instant::now();
-    let mut skins = Vec::new();
-    for (g, garment) in outfit.garments.iter().enumerate() {
-        progress("rig", g as f64 / outfit.garments.len() as f64);
-        let points = proxies[g].gather(&draped[g].points);
-        let (skin, info) = rig::run(character, &body, proxies[g].garment(), &points, &settings.rig)
-            .map_err(|error| Error::Rig { garment: garment.path.clone(), error })?;
-        skins.push((proxies[g].skin(&skin), info));
-    }
+    let skins = rigged::rig_all(outfit, &proxies, character, &body, &draped, settings, progress)?;
     seconds.rig = clock.elapsed().as_secs_f64();
     progress("rig", 1.0);
 

@@ -3,8 +3,9 @@
 use std::sync::Arc;
 
 use dressform::geometry::OuterSkin;
-use dressform::model::{Character, SeamGroups, Vec3};
+use dressform::model::{Character, SeamGroups, Skin, Vec3};
 use dressform::pipeline::Settings;
+use dressform::pose;
 use dressform::rig::{self as core, Sewn};
 use numpy::{IntoPyArray, PyArrayMethods};
 use pyo3::prelude::*;
@@ -38,7 +39,7 @@ pub fn rig<'py>(
     cloth: &Bound<'py, PyDict>,
     settings_json: &str,
 ) -> PyResult<Bound<'py, PyDict>> {
-    let (skin, info) = with(py, body, cloth, settings_json, core::run_sewn)?;
+    let (skin, info) = with(py, body, cloth, settings_json, refined)?;
     let dict = PyDict::new(py);
     dict.set_item("influences", skin.influences)?;
     dict.set_item("joint_indices", skin.joint_indices.into_pyarray(py))?;
@@ -46,6 +47,20 @@ pub fn rig<'py>(
     let report = serde_json::to_string(&info).map_err(|e| errors::internal(e.to_string()))?;
     dict.set_item("report", report)?;
     Ok(dict)
+}
+
+/// Weights, refined against the poses that the skeleton allows; none, if it is no tree.
+fn refined(
+    character: &Character,
+    body: &OuterSkin,
+    sewn: &Sewn<'_>,
+    params: &core::Params,
+) -> Result<(Skin, core::Info), core::Error> {
+    let (mut skin, mut info) = core::run_sewn(character, body, sewn, params)?;
+    let poses = pose::poses(&character.skeleton).map_or_else(|_| Vec::new(), |set| set.poses);
+    let worn = core::refine::Worn { sewn: *sewn, skin: &mut skin, info: &mut info };
+    core::refine::run(character, body, &mut [worn], &poses, params)?;
+    Ok((skin, info))
 }
 
 /// The body points that a sewn mesh is matched to; see `dressform.rigging.match_arrays`.

@@ -61,7 +61,9 @@ def find(name: str, folder: Path) -> Item:
     if folder.with_suffix(".rs").is_file():
         files = [folder.with_suffix(".rs")]
     else:
-        files = sorted(folder.glob("*.rs"), key=lambda file: (file.name != "mod.rs", file.name))
+        files = sorted(
+            folder.glob("*.rs"), key=lambda file: (file.name not in ("mod.rs", "params.rs"), file.name)
+        )
     for file in files:
         text = file.read_text()
         head = rf"((?:^///[^\n]*\n)*)((?:^#\[[^\n]*\]\n)*)^pub (struct|enum) {name} \{{\n(.*?)^\}}"

@@ -29,7 +29,7 @@ pub use set::{Stance, stances};
 #[derive(Clone, Debug)]
 pub struct Pose {
     /// Its name in the report.
-    pub name: &'static str,
+    pub name: String,
     /// Skinning matrix of each joint ([`skinning::pose_matrices`]).
     pub matrices: Vec<Mat4>,
 }
@@ -56,7 +56,7 @@ pub fn poses(skeleton: &Skeleton) -> Result<PoseSet, SkinningError> {
             None => {
                 let rotations = rotations(&figure, stance);
                 let matrices = skinning::pose_matrices(skeleton, &rotations, &Vec3::zeros())?;
-                set.poses.push(Pose { name: stance.name, matrices });
+                set.poses.push(Pose { name: stance.name.to_owned(), matrices });
             }
         }
     }

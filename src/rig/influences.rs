@@ -49,7 +49,7 @@ impl Posed {
     }
 
     /// `H` over `joints` for a point, up to a constant that cancels.
-    fn metric(&self, p: &Vec3, joints: &[u32]) -> DMatrix<f64> {
+    pub fn metric(&self, p: &Vec3, joints: &[u32]) -> DMatrix<f64> {
         let n = joints.len();
         let mut h = DMatrix::zeros(n, n);
         for a in 0..n {
@@ -83,12 +83,16 @@ pub(super) fn cap(posed: &Posed, p: &Vec3, row: &Sparse, most: usize) -> (Sparse
     let all = DVector::from_iterator(row.len(), row.iter().map(|w| w.1));
     let h = posed.metric(p, &joints);
     let kept = keep(&h, &all, most);
-    let fitted = fit(&h, &all, kept);
+    let fitted = fit(&h, &(&h * &all), &all, kept);
     let missing = &all - &fitted;
-    let factor = 4.0 / 3.0 * (1.0 - ANGLE.cos());
-    let error = (factor * missing.dot(&(&h * &missing)).max(0.0)).sqrt();
+    let error = (turn() * missing.dot(&(&h * &missing)).max(0.0)).sqrt();
     let weights = joints.into_iter().zip(fitted.iter().copied()).filter(|w| w.1 > 0.0).collect();
     (sorted(weights), error)
+}
+
+/// What the metric is multiplied with for squared metres.
+pub(super) fn turn() -> f64 {
+    4.0 / 3.0 * (1.0 - ANGLE.cos())
 }
 
 /// What is worth keeping of a dense row: (joint, weight) with a sum of 1.
@@ -126,9 +130,14 @@ fn keep(h: &DMatrix<f64>, all: &DVector<f64>, most: usize) -> Vec<usize> {
     kept
 }
 
-/// Minimises `E` over weights on `kept` alone; what would be negative is dropped too.
-fn fit(h: &DMatrix<f64>, all: &DVector<f64>, mut kept: Vec<usize>) -> DVector<f64> {
-    let pull = h * all;
+/// Minimises `w^T h w - 2 pull . w` over weights on `kept` alone with a sum of 1, near `all` where
+/// that leaves a choice; what would be negative is dropped too.
+pub(super) fn fit(
+    h: &DMatrix<f64>,
+    pull: &DVector<f64>,
+    all: &DVector<f64>,
+    mut kept: Vec<usize>,
+) -> DVector<f64> {
     let ridge = 1e-9 * h.trace().max(f64::MIN_POSITIVE);
     loop {
         let n = kept.len();

@@ -40,11 +40,39 @@ pub(super) fn run(
     if reach == 0.0 || width < 2 {
         return Ok(());
     }
-    let mut matrix = SymmetricTriplets::default();
+    let pull = |n: usize| (gap / clearance[n]).powi(POWER).clamp(LOOSEST, TIGHTEST);
     let mut right = vec![0.0; size * width];
     for n in 0..size {
-        let pull = (gap / clearance[n]).powi(POWER).clamp(LOOSEST, TIGHTEST) * cloth.areas[n];
-        let mut diagonal = pull;
+        let pull = pull(n) * cloth.areas[n];
+        table.row(n).iter().enumerate().for_each(|(c, w)| right[c * size + n] = pull * w);
+    }
+    screened(cloth, pull, reach)?.solve(&mut right);
+    let all: Vec<u32> = (0..size as u32).collect();
+    table.take_columns(&all, &right);
+    Ok(())
+}
+
+/// Spreads changes of the weights over the cloth: each column of `changes` (`cloth.len()` values)
+/// becomes the `x` that minimises `integral c |x - change|^2 + reach^2 |grad x|^2`.
+pub(super) fn spread(
+    cloth: &Cloth,
+    pull: impl Fn(usize) -> f64,
+    reach: f64,
+    changes: &mut [f64],
+) -> Result<(), CholeskyError> {
+    let factor = screened(cloth, &pull, reach)?;
+    for column in changes.chunks_mut(cloth.len()) {
+        column.iter_mut().enumerate().for_each(|(n, x)| *x *= pull(n) * cloth.areas[n]);
+    }
+    factor.solve(changes);
+    Ok(())
+}
+
+/// The factor of `c M + reach^2 L`.
+fn screened(cloth: &Cloth, pull: impl Fn(usize) -> f64, reach: f64) -> Result<SparseCholesky, CholeskyError> {
+    let mut matrix = SymmetricTriplets::default();
+    for n in 0..cloth.len() {
+        let mut diagonal = pull(n) * cloth.areas[n];
         for e in cloth.around(n) {
             let stiffness = reach * reach * e.cotangent.max(0.0);
             diagonal += stiffness;
@@ -53,12 +81,8 @@ pub(super) fn run(
             }
         }
         matrix.add(n, n, diagonal);
-        table.row(n).iter().enumerate().for_each(|(c, w)| right[c * size + n] = pull * w);
     }
-    SparseCholesky::new(size, &matrix)?.solve(&mut right);
-    let all: Vec<u32> = (0..size as u32).collect();
-    table.take_columns(&all, &right);
-    Ok(())
+    SparseCholesky::new(cloth.len(), &matrix)
 }
 
 /// Averages the ends of every edge along which the weights change by more than `most` (the sum of

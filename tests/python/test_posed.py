@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 
 import dressform
@@ -9,7 +10,8 @@ import dressing
 import numpy as np
 import pytest
 import scenes
-from dressform.errors import BadSettings
+from dressform import rig_arrays
+from dressform.errors import BadInput, BadSettings
 from dressform.native import SkinnedMesh, posed_check, poses
 from dressform.usd.character import read_character
 from dressform.usd.garment import read_outfit
@@ -110,3 +112,43 @@ def test_switched_off_nothing_is_written(tmp_path):
     shirt = stage.GetPrimAtPath("/Hero/Outfit/Shirt")
     assert not [a for a in shirt.GetAuthoredAttributes() if ":posed:" in a.GetName()]
     assert not [note for note in result.notes if "posed" in note]
+
+
+def test_poses_of_the_callers_own(sample_target):
+    body = second_skin(sample_target)
+    still = {"still": np.tile(np.eye(4), (len(sample_target.joints), 1, 1))}
+    ((figures,),) = posed_check(sample_target, [body], poses=still)
+    assert figures["pose"] == "still" and figures["inside"] == 0.0
+    assert figures["edge_stretch_max"] == pytest.approx(1.0)
+    with pytest.raises(BadInput, match=r"pose 'flat'.*4, 4"):
+        posed_check(sample_target, [body], poses={"flat": np.zeros((len(sample_target.joints), 3, 3))})
+
+
+def test_weights_are_refined_in_poses(sample_target):
+    """A tube of cloth around the hips, on weights that know the bind pose alone and refined ones."""
+    heights, angles = np.linspace(0.75, 1.05, 31), np.linspace(0.0, 2.0 * np.pi, 72, endpoint=False)
+    near = sample_target.points[np.abs(sample_target.points[:, 1] - 0.9) < 0.15]
+    near = near[np.abs(near[:, 0]) < 0.3]
+    radius = np.linalg.norm(near[:, [0, 2]], axis=1).max() + 0.01
+    ring = np.stack([np.sin(angles), np.zeros_like(angles), np.cos(angles)], axis=1) * radius
+    points = (ring[None] + heights[:, None, None] * np.array([0.0, 1.0, 0.0])).reshape(-1, 3)
+    i, j = (a.ravel() for a in np.meshgrid(np.arange(30), np.arange(72), indexing="ij"))
+    a, b, c, d = i * 72 + j, i * 72 + (j + 1) % 72, (i + 1) * 72 + (j + 1) % 72, (i + 1) * 72 + j
+    triangles = np.concatenate([np.stack([a, b, c], 1), np.stack([a, c, d], 1)])
+    depth = {}
+    for rounds in (0, 3):
+        rigged = rig_arrays(
+            sample_target, points, triangles, settings_json=json.dumps({"rig": {"refine": rounds}})
+        )
+        mesh = SkinnedMesh(
+            points,
+            triangles.astype(np.uint32),
+            rigged.influences,
+            rigged.joint_indices.ravel(),
+            rigged.joint_weights.ravel(),
+        )
+        (figures,) = posed_check(sample_target, [mesh])
+        depth[rounds] = sum(f["depth_mean_m"] for f in figures)
+    before, after = rigged.report["sunk_m"]
+    assert after < 0.9 * before and rigged.report["refined"] > 0.0
+    assert depth[3] < 0.9 * depth[0]

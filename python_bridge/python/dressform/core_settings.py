@@ -281,12 +281,14 @@ class RigSettings(CoreModel):
     smoothing: Count = 2
     #: Length along the cloth over which weights are evened out, where it lies `gap` from the skin; with the
     #: power 3/2 of the distance elsewhere [m].
-    reach: Number = 0.03
+    reach: Number = 0.04
     #: Distance from the skin that `reach` is meant for [m].
     gap: Number = 0.016
     #: Largest change of the weights along an edge, as the sum of absolute differences (2 at most): where more
     #: is left, the ends are averaged with their neighbours.
     jump: Number = 0.6
+    #: Rounds of refining weights against the poses of the posed check; 0 leaves it out.
+    refine: Count = 3
     #: Joints whose weight goes to their nearest kept ancestor. A pattern must match whole words of a joint's
     #: name, whatever the case; `*` and `?` stand for letters; `NAME/*` means all joints below. A garment of
     #: which they hold more than a quarter is made for them and keeps them.

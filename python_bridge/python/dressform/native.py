@@ -295,9 +295,18 @@ def poses(character: Character) -> dict[str, Floats]:
 
 
 def posed_check(
-    character: Character, meshes: Sequence[SkinnedMesh], settings_json: str = "{}"
+    character: Character,
+    meshes: Sequence[SkinnedMesh],
+    settings_json: str = "{}",
+    poses: dict[str, Floats] | None = None,
 ) -> list[list[dict[str, Any]]]:
     """How skinned meshes follow a character's body: the certificate's ``posed`` for weights of any source.
+
+    Args:
+        character: whose body it is.
+        meshes: what hangs on it.
+        settings_json: settings that differ from the defaults, as JSON: ``{"posed": {...}}``.
+        poses: other poses than the check's own, as :func:`poses` gives them.
 
     Returns:
         For each mesh, the figures of every pose (keys of ``dressform.result.PoseReport``).
@@ -306,7 +315,8 @@ def posed_check(
         BadInput: arrays that do not fit together.
         BadSettings: ``posed.poses`` names no pose.
     """
-    answer = _native.posed_json(record(character), [vars(m) for m in meshes], settings_json)
+    own = None if poses is None else [(n, np.ascontiguousarray(m, np.float64)) for n, m in poses.items()]
+    answer = _native.posed_json(record(character), [vars(m) for m in meshes], settings_json, own)
     figures: list[list[dict[str, Any]]] = json.loads(answer)
     return figures
 

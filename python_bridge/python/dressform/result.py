@@ -163,6 +163,12 @@ class RigReport(_Report):
     )
     ignored: float = Field(description="share of the weight that ignored joints gave to their ancestors")
     turned_pieces: int = Field(description="pieces that face the body, turned for the search")
+    refined: float = Field(
+        description="fraction of vertices with weights changed to follow the body in poses"
+    )
+    sunk_m: tuple[float, float] = Field(
+        description="depth in the posed body before and after that, averaged over poses and seam groups [m]"
+    )
 
 
 class PoseReport(_Report):
