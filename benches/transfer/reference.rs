@@ -58,7 +58,7 @@ fn variants() -> Vec<(&'static str, Params)> {
     let fine: f64 = std::env::var("DRESSFORM_CELL").ok().and_then(|c| c.parse().ok()).unwrap_or(0.01);
     vec![
         ("default", Params::default()),
-        ("no closing steps", Params { refinement: 1.0, closing_band: 0.12, ..Params::default() }),
+        ("no closing steps", Params { refinement: 1, closing_band: 0.12, ..Params::default() }),
         ("default, tight", at(0.02, true)),
         ("finer, tight", at(1.5 * fine, true)),
         ("reference", at(fine, true)),

@@ -125,37 +125,37 @@ pub fn bind(
         .collect()
 }
 
+/// Percentiles of values with weights.
+fn percentiles<const N: usize>(mut values: Vec<(f64, f64)>, at: [f64; N]) -> [f64; N] {
+    values.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let total: f64 = values.iter().map(|c| c.1).sum();
+    at.map(|p| {
+        let mut sum = 0.0;
+        let found = values.iter().find(|(_, weight)| {
+            sum += weight;
+            sum >= p * total
+        });
+        found.or(values.last()).map_or(0.0, |c| c.0)
+    })
+}
+
 /// Percentiles by area of the change of stretch, `max |S_target - S_source|` over the
 /// entries in warp and weft axes: the source garment against its original pattern, the
 /// garment at `target` against `pattern`. The area is the original pattern's.
 ///
 /// # Errors
 /// [`Error::Degenerate`] if a triangle has no area in its panel.
-pub fn strain_change(
+pub fn strain_change<const N: usize>(
     garment: &Garment,
     pattern: &[Vec2],
     target: &[Vec3],
-    percentiles: &[f64],
-) -> Result<Vec<f64>, Error> {
+    at: [f64; N],
+) -> Result<[f64; N], Error> {
     let source = stretches(garment, &garment.pattern, &garment.points)?;
     let carried = stretches(garment, pattern, target)?;
-    let mut changes: Vec<(f64, f64)> = (0..source.len())
-        .map(|t| {
-            let area = edges_2d(garment.pattern_corners(&garment.pattern, t)).determinant().abs();
-            ((carried[t] - source[t]).amax(), area)
-        })
-        .collect();
-    changes.sort_by(|a, b| a.0.total_cmp(&b.0));
-    let total: f64 = changes.iter().map(|c| c.1).sum();
-    Ok(percentiles
-        .iter()
-        .map(|p| {
-            let mut sum = 0.0;
-            let found = changes.iter().find(|(_, area)| {
-                sum += area;
-                sum >= p * total
-            });
-            found.or(changes.last()).map_or(0.0, |c| c.0)
-        })
-        .collect())
+    let changes = (0..source.len()).map(|t| {
+        let area = edges_2d(garment.pattern_corners(&garment.pattern, t)).determinant().abs();
+        ((carried[t] - source[t]).amax(), area)
+    });
+    Ok(percentiles(changes.collect(), at))
 }

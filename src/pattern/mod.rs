@@ -49,11 +49,12 @@ pub use shape::Shape;
 
 use nalgebra::Matrix2;
 
-use crate::model::{Garment, Tape, Vec2, Vec3};
+use crate::model::{Chain, Garment, Tape, Vec2, Vec3, chain};
 use crate::solve::cholesky::SparseCholesky;
-use bounded::{Bounded, Stop};
+use bounded::{Bounded, Outcome, Stop};
 use demand::Demands;
 use energy::Weights;
+use frame::Binding;
 use outline::Outline;
 use runs::Runs;
 
@@ -103,73 +104,116 @@ pub fn run_with_girths(
 ) -> Result<(Vec<Vec2>, Info), Error> {
     check(garment, target_points, params)?;
     let bindings = frame::bind(garment, target_points, params.fit, &girths.widening)?;
-    let runs = Runs::new(garment);
-    let outline = Outline::new(garment, &runs);
-    let weights = Weights {
-        outline: params.outline_weight,
-        straight: params.straight_weight,
-        anchor: params.anchor_weight,
-    };
-    let form = energy::assemble(garment, &bindings, &outline, weights);
-    let factor = SparseCholesky::new(form.right.len(), &form.matrix)?;
-    let mut free = form.right.clone();
-    factor.solve(&mut free);
-    let norm = |v: &[f64]| v.iter().map(|x| x * x).sum::<f64>().sqrt();
-    let residual = norm(&form.gradient(&free)) / norm(&form.right);
-
+    let area: f64 = bindings.iter().map(|b| b.area).sum();
     let n = garment.points.len();
-    let border = tidy::border(garment);
-    let chains = garment.chains();
-    let demands = Demands {
-        original: &garment.pattern,
-        chains: &chains,
-        tapes: &girths.tapes,
-        runs: &runs,
-        mirrored: if params.mirror { runs.mirrored.clone() } else { Vec::new() },
-        corner: params.corner_bound.to_radians(),
-        straight: params.straight_bound,
-    };
-    let demands = demands.without_lopsided(&energy::positions(&free, n));
-    let stop = Stop {
-        iterations: params.seam_iterations,
-        length: params.seam_tolerance,
-        shape: SHAPE_TOLERANCE,
-        step: STEP_TOLERANCE,
-    };
-    let spoken = spoken(&border, &girths.tapes);
-    let (mut unknowns, outcome) = Bounded::new(&factor, &free, &spoken).solve(&demands, stop)?;
+    let problem = Problem::new(garment, params, girths);
+    let solved = problem.factored(&bindings)?;
+    let demands = problem.demands(&energy::positions(&solved.free, n));
+    let (mut unknowns, outcome) = problem.bend(&solved, &demands)?;
 
     let crumpled: Vec<u32> = (0..bindings.len()).filter(|&t| bindings[t].clamped).map(|t| t as u32).collect();
     let layout = energy::positions(&unknowns, n);
-    let mut pattern = tidy::tidy(garment, &border, &crumpled, layout, params.tidy)?;
-    let repaired = tidy::repair(garment, &border, &mut pattern)?;
+    let mut pattern = tidy::tidy(garment, &problem.border, &crumpled, layout, params.tidy)?;
+    let repaired = tidy::repair(garment, &problem.border, &mut pattern)?;
 
     for (v, p) in pattern.iter().enumerate() {
         (unknowns[v], unknowns[n + v]) = (p.x, p.y);
     }
-    let area: f64 = bindings.iter().map(|b| b.area).sum();
-    let change = frame::strain_change(garment, &pattern, target_points, &[0.5, 0.99])?;
+    let change = frame::strain_change(garment, &pattern, target_points, [0.5, 0.99])?;
+    let stop = problem.stop();
     let info = Info {
         iterations: outcome.iterations,
-        residual,
+        residual: solved.residual,
         converged: outcome.excess.length <= stop.length && outcome.excess.shape <= stop.shape,
         length_residual: outcome.excess.length,
         shape_residual: outcome.excess.shape,
         step_residual_m: outcome.step,
         bounds_held: outcome.active,
-        energy: form.value(&unknowns) / area,
-        energy_free: form.value(&free) / area,
+        energy: solved.form.value(&unknowns) / area,
+        energy_free: solved.form.value(&solved.free) / area,
         strain_change_p50: change[0],
         strain_change_p99: change[1],
-        seam_mismatch_max: crate::model::chain::chains_mismatch(&chains, &garment.pattern, &pattern),
-        chains: chains.len(),
+        seam_mismatch_max: chain::chains_mismatch(&problem.chains, &garment.pattern, &pattern),
+        chains: problem.chains.len(),
         flipped_triangles: tidy::flipped(garment, &pattern).len(),
         crumpled_triangles: crumpled.len(),
-        shape: Shape::new(garment, &runs, &pattern),
+        shape: Shape::new(garment, &problem.runs, &pattern),
         area_ratio: pattern_area(garment, &pattern) / pattern_area(garment, &garment.pattern),
         repaired,
     };
     Ok((pattern, info))
+}
+
+/// A refit before anything is solved.
+struct Problem<'a> {
+    garment: &'a Garment,
+    params: &'a Params,
+    girths: &'a Girths,
+    runs: Runs,
+    outline: Outline,
+    chains: Vec<Chain>,
+    border: Vec<bool>,
+}
+
+/// An energy with its factor and its unconstrained minimum.
+struct Factored {
+    form: energy::Quadratic,
+    factor: SparseCholesky,
+    free: Vec<f64>,
+    /// Norm of the gradient at the minimum over that of the right side.
+    residual: f64,
+}
+
+impl<'a> Problem<'a> {
+    fn new(garment: &'a Garment, params: &'a Params, girths: &'a Girths) -> Self {
+        let runs = Runs::new(garment);
+        let outline = Outline::new(garment, &runs);
+        let (chains, border) = (garment.chains(), tidy::border(garment));
+        Problem { garment, params, girths, runs, outline, chains, border }
+    }
+
+    fn factored(&self, bindings: &[Binding]) -> Result<Factored, Error> {
+        let weights = Weights {
+            outline: self.params.outline_weight,
+            straight: self.params.straight_weight,
+            anchor: self.params.anchor_weight,
+        };
+        let form = energy::assemble(self.garment, bindings, &self.outline, weights);
+        let factor = SparseCholesky::new(form.right.len(), &form.matrix)?;
+        let mut free = form.right.clone();
+        factor.solve(&mut free);
+        let norm = |v: &[f64]| v.iter().map(|x| x * x).sum::<f64>().sqrt();
+        let residual = norm(&form.gradient(&free)) / norm(&form.right);
+        Ok(Factored { form, factor, free, residual })
+    }
+
+    /// What the layout must obey; `free` is the one that obeys nothing.
+    fn demands(&self, free: &[Vec2]) -> Demands<'_> {
+        let demands = Demands {
+            original: &self.garment.pattern,
+            chains: &self.chains,
+            tapes: &self.girths.tapes,
+            runs: &self.runs,
+            mirrored: if self.params.mirror { self.runs.mirrored.clone() } else { Vec::new() },
+            corner: self.params.corner_bound.to_radians(),
+            straight: self.params.straight_bound,
+        };
+        demands.without_lopsided(free)
+    }
+
+    fn stop(&self) -> Stop {
+        Stop {
+            iterations: self.params.seam_iterations,
+            length: self.params.seam_tolerance,
+            shape: SHAPE_TOLERANCE,
+            step: STEP_TOLERANCE,
+        }
+    }
+
+    fn bend(&self, energy: &Factored, demands: &Demands<'_>) -> Result<(Vec<f64>, Outcome), Error> {
+        let spoken = spoken(&self.border, &self.girths.tapes);
+        Bounded::new(&energy.factor, &energy.free, &spoken).solve(demands, self.stop())
+    }
 }
 
 /// [`run`], and once more where a girth is held: the refit as carried says how far off it is.

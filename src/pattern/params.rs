@@ -62,9 +62,9 @@ impl Default for Params {
         Params {
             fit: Fit::Keep,
             outline_weight: 0.03,
-            straight_weight: 0.3,
-            straight_bound: 0.009,
-            corner_bound: 2.8,
+            straight_weight: 1.0,
+            straight_bound: 0.0098,
+            corner_bound: 2.99,
             mirror: true,
             anchor_weight: 1e-8,
             seam_tolerance: 1e-4,

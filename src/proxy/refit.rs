@@ -38,7 +38,7 @@ impl Proxy<'_> {
         for (part, own) in [(&split.shell, &shell), (&split.details, &details)] {
             part.vertices.iter().zip(own).for_each(|(&v, p)| pattern[v as usize] = *p);
         }
-        let change = pattern::frame::strain_change(whole, &pattern, &lifted, &[0.5, 0.99])?;
+        let change = pattern::frame::strain_change(whole, &pattern, &lifted, [0.5, 0.99])?;
         info.strain_change_p50 = change[0];
         info.strain_change_p99 = change[1];
         info.iterations += more.iterations;

@@ -44,6 +44,9 @@ pub struct CgInfo {
     pub converged: bool,
 }
 
+/// The account of a solve whose right-hand side is zero.
+const NOTHING_TO_DO: CgInfo = CgInfo { iterations: 0, residual: 0.0, converged: true };
+
 /// `struct Scalars` in cg.wgsl.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, Pod, Zeroable)]
@@ -189,12 +192,10 @@ impl Cg {
         x: &Buffer<f32>,
         params: &CgParams,
     ) -> Result<CgInfo, DeviceError> {
-        // The right-hand side's norm sets the scale of the tolerance.
-        m_inverse.apply(device, b, &self.z)?;
-        let scale = self.dot.dot(device, b, &self.z)?.max(0.0).sqrt();
+        let scale = self.precondition(device, m_inverse, b)?;
         if scale == 0.0 {
             device.write(x, &vec![0.0; b.len()])?;
-            return Ok(CgInfo { iterations: 0, residual: 0.0, converged: true });
+            return Ok(NOTHING_TO_DO);
         }
         a.apply(device, x, &self.q)?;
         device.run(&RESIDUAL, b.len(), &self.dot.count, &[b, &self.q, &self.r])?;
@@ -218,12 +219,11 @@ impl Cg {
         params: &CgParams,
     ) -> Result<(CgInfo, f64), DeviceError> {
         device.write(x, &vec![0.0; b.len()])?;
-        device.copy(b, &self.r)?;
-        m_inverse.apply(device, &self.r, &self.z)?;
-        let scale = self.dot.dot(device, b, &self.z)?.max(0.0).sqrt();
+        let scale = self.precondition(device, m_inverse, b)?;
         if scale == 0.0 {
-            return Ok((CgInfo { iterations: 0, residual: 0.0, converged: true }, 0.0));
+            return Ok((NOTHING_TO_DO, 0.0));
         }
+        device.copy(b, &self.r)?;
         let unseen = CgParams { max_iterations: params.max_iterations.saturating_sub(1), ..*params };
         let mut info = self.iterate(device, a, m_inverse, x, scale, &unseen)?;
         if !info.converged && info.iterations < params.max_iterations && info.residual.is_finite() {
@@ -231,6 +231,17 @@ impl Cg {
             info.iterations += 1;
         }
         Ok((info, scale))
+    }
+
+    /// Leaves `M^-1 b` in `z`; the norm `sqrt(b . M^-1 b)` is the scale of the tolerance.
+    fn precondition(
+        &self,
+        device: &Device,
+        m_inverse: &dyn Operator,
+        b: &Buffer<f32>,
+    ) -> Result<f64, DeviceError> {
+        m_inverse.apply(device, b, &self.z)?;
+        Ok(self.dot.dot(device, b, &self.z)?.max(0.0).sqrt())
     }
 
     /// Iterates from the residual in `r` and its preconditioned image in `z`.

@@ -154,7 +154,7 @@ impl Query<'_> {
 }
 
 /// Calls `f` for the corners of the parts of `step` cells an edge that make up a block.
-fn for_block(lo: Coordinates, size: i32, step: i32, mut f: impl FnMut(Coordinates)) {
+pub(super) fn for_block(lo: Coordinates, size: i32, step: i32, mut f: impl FnMut(Coordinates)) {
     for i in (0..size).step_by(step as usize) {
         for j in (0..size).step_by(step as usize) {
             for k in (0..size).step_by(step as usize) {

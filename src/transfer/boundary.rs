@@ -31,14 +31,23 @@ pub struct Boundary {
     pub masses: Vec<(u32, Mass)>,
     /// Load on each node, shape `[nodes, 3]`; empty without a boundary.
     pub load: Vec<Vec3>,
+    points: Vec<Point>,
+    /// The penalty times each point's share of its cell.
+    weight: f64,
 }
 
-/// A quadrature point: where it is evaluated, and the displacement asked for.
-#[derive(Clone)]
+/// A place in a cell of the domain.
+type Place = (u32, [f64; 3]);
+
+/// A quadrature point.
+#[derive(Clone, Debug)]
 struct Point {
-    cell: u32,
-    local: [f64; 3],
-    displacement: Vec3,
+    /// Where it is evaluated.
+    at: Place,
+    /// The closest point of the surface.
+    surface: Place,
+    /// The surface's displacement there [m].
+    wanted: Vec3,
 }
 
 /// Whether `p` is inside of the surface, whichever way its triangles turn.
@@ -66,27 +75,56 @@ impl Boundary {
             .map(|active| cell_points(domain, surface, displacement, active, quadrature))
             .collect();
         let mut points = points.concat();
-        points.sort_by_key(|point| point.cell); // stable: sums keep their order
+        points.sort_by_key(|point| point.at.0); // stable: sums keep their order
         let weight = beta * (domain.lattice.cell / quadrature as f64).powi(3);
-        let mut boundary = Boundary { masses: Vec::new(), load: vec![Vec3::zeros(); domain.nodes.len()] };
-        for point in &points {
-            boundary.add(domain, point, weight);
-        }
+        let mut boundary = Boundary { points, weight, ..Boundary::default() };
+        boundary.masses = boundary.masses();
+        boundary.load = boundary.load_for(domain, &boundary.wanted());
         boundary
     }
 
-    fn add(&mut self, domain: &Domain, point: &Point, weight: f64) {
-        if self.masses.last().is_none_or(|(cell, _)| *cell != point.cell) {
-            self.masses.push((point.cell, Mass::default()));
-        }
-        let mass = &mut self.masses.last_mut().expect("just pushed").1;
-        let shape = element::shape(point.local);
-        for (a, &node) in domain.cell_nodes[point.cell as usize].iter().enumerate() {
-            for b in 0..8 {
-                mass[a][b] += weight * shape[a] * shape[b];
+    fn masses(&self) -> Vec<(u32, Mass)> {
+        let mut masses: Vec<(u32, Mass)> = Vec::new();
+        for (cell, local) in self.points.iter().map(|point| point.at) {
+            if masses.last().is_none_or(|last| last.0 != cell) {
+                masses.push((cell, Mass::default()));
             }
-            self.load[node as usize] += point.displacement * (weight * shape[a]);
+            let mass = &mut masses.last_mut().expect("just pushed").1;
+            let shape = element::shape(local);
+            for (a, b) in (0..64).map(|k| (k / 8, k % 8)) {
+                mass[a][b] += self.weight * shape[a] * shape[b];
+            }
         }
+        masses
+    }
+
+    /// The displacement wanted at each quadrature point [m].
+    pub fn wanted(&self) -> Vec<Vec3> {
+        self.points.iter().map(|point| point.wanted).collect()
+    }
+
+    /// The load on each node if `asked` is asked for at the quadrature points [m].
+    pub fn load_for(&self, domain: &Domain, asked: &[Vec3]) -> Vec<Vec3> {
+        let mut load = vec![Vec3::zeros(); domain.nodes.len()];
+        for (point, asked) in self.points.iter().zip(asked) {
+            let (cell, local) = point.at;
+            for (&node, shape) in domain.cell_nodes[cell as usize].iter().zip(element::shape(local)) {
+                load[node as usize] += asked * (self.weight * shape);
+            }
+        }
+        load
+    }
+
+    /// Adds to what is `asked` for what the field `u` misses of the surface's displacement, and
+    /// returns the mean miss [m].
+    pub fn correct(&self, domain: &Domain, u: &[Vec3], asked: &mut [Vec3]) -> f64 {
+        let mut sum = 0.0;
+        for (point, asked) in self.points.iter().zip(asked) {
+            let miss = point.wanted - domain.interpolate(point.surface, u);
+            sum += miss.norm();
+            *asked += miss;
+        }
+        sum / self.points.len().max(1) as f64
     }
 }
 
@@ -113,8 +151,8 @@ fn cell_points(
                 (0..3).map(|c| displacement[triangle[c] as usize] * closest.barycentric[c]).sum();
             let at = if sides.is_inside(&p) { p } else { closest.point };
             // A surface point lies in a cell that the surface cuts, and those are active.
-            let (cell, local) = domain.locate(&at)?;
-            Some(Point { cell: cell as u32, local, displacement: wanted })
+            let place = |p: &Vec3| domain.locate(p).map(|(cell, local)| (cell as u32, local));
+            Some(Point { at: place(&at)?, surface: place(&closest.point)?, wanted })
         })
         .collect()
 }

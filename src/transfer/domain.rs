@@ -194,6 +194,12 @@ impl Domain {
         (0..self.nodes.len()).map(around).collect()
     }
 
+    /// The nodal values `u` at a place in a cell.
+    pub fn interpolate(&self, (cell, local): (u32, [f64; 3]), u: &[Vec3]) -> Vec3 {
+        let nodes = &self.cell_nodes[cell as usize];
+        nodes.iter().zip(element::shape(local)).map(|(&node, shape)| u[node as usize] * shape).sum()
+    }
+
     /// The active cell that holds `p`, and the place of `p` in it.
     pub fn locate(&self, p: &Vec3) -> Option<(usize, [f64; 3])> {
         let at = self.lattice.cell_of(p);

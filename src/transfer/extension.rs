@@ -2,7 +2,7 @@
 //!
 //! The band depends on the body pair alone. A point outside of it (a wide hem, a hood; also
 //! a tongue, deep inside of the body) gets cells of its own: those along the straight line
-//! to its closest point of the body, with a ring of cells around, so that they hang together
+//! to its closest point of the body, with a ring of [`RING`] around, so that they hang together
 //! with the band. They are solved after the band, whose nodes keep their displacement: what
 //! is there does not change, and one garment's extension cannot alter another's.
 //!
@@ -12,6 +12,7 @@
 
 use std::collections::BTreeSet;
 
+use super::activity::for_block;
 use super::boundary::Boundary;
 use super::domain::{Coordinates, Domain, Kind};
 use super::field::{Field, InnerInfo, Problem};
@@ -19,6 +20,9 @@ use super::{Error, Params};
 use crate::device::Device;
 use crate::geometry::Surface;
 use crate::model::Vec3;
+
+/// Width of the ring of cells around a line [m]: what is solved does not shrink with the cells.
+const RING: f64 = 0.02;
 
 /// The field beyond the band, for those of `points` that the band does not hold; `None` if
 /// it holds all of them (then the body's `surface` is not asked for).
@@ -37,13 +41,14 @@ pub fn extend<'a>(
     if lines.is_empty() {
         return Ok(None);
     }
+    let lattice = band.domain.lattice;
+    let ring = (RING / lattice.cell).ceil() as i32;
     let mut cells = BTreeSet::new();
     for &[i, j, k] in &lines {
-        for o in 0..27 {
-            cells.insert([i + o / 9 - 1, j + o / 3 % 3 - 1, k + o % 3 - 1]);
-        }
+        for_block([i - ring, j - ring, k - ring], 2 * ring + 1, 1, |cell| {
+            cells.insert(cell);
+        });
     }
-    let lattice = band.domain.lattice;
     let active = cells
         .into_iter()
         .filter(|&cell| band.domain.find_cell(cell).is_none())

@@ -43,11 +43,21 @@ pub struct InnerInfo {
     pub cg_iterations: Vec<usize>,
     /// Farthest that a node moved in each iteration [m].
     pub changes_m: Vec<f64>,
-    /// Residual before each iteration, relative to the first, in the norm of the multigrid
-    /// cycle; of an exact solve in the Euclidean norm, with the final one.
+    /// Residual before each iteration, relative to the first since the problem last changed, in
+    /// the norm of the multigrid cycle; of an exact solve in the Euclidean norm, with the final one.
     pub residuals: Vec<f64>,
     /// Whether the last change is below the tolerance (of an exact solve: the residual is).
     pub converged: bool,
+}
+
+impl InnerInfo {
+    /// Adds what was done after a change of what is asked for.
+    pub(super) fn then(&mut self, more: InnerInfo) {
+        self.cg_iterations.extend(more.cg_iterations);
+        self.changes_m.extend(more.changes_m);
+        self.residuals.extend(more.residuals);
+        self.converged &= more.converged;
+    }
 }
 
 /// A displacement field on a domain.
@@ -80,6 +90,7 @@ pub struct Problem<'a> {
     device: &'a Device,
     params: &'a Params,
     exact: Option<Exact<'a>>,
+    fixed: &'a [bool],
     stencil: Stencil,
     multigrid: Multigrid,
     cg: Cg,
@@ -124,6 +135,7 @@ impl<'a> Problem<'a> {
         Ok(Problem {
             device,
             params,
+            fixed,
             exact: params.exact.then(|| Exact::new(params, domain, boundary, fixed)),
             stencil: Stencil::new(device, domain, &terms, fixed)?,
             multigrid: Multigrid::new(device, domain, &terms, fixed)?,
@@ -143,6 +155,19 @@ impl<'a> Problem<'a> {
         })
     }
 
+    /// Takes another load on each node; fixed ones keep their displacement.
+    ///
+    /// # Errors
+    /// As [`Device::write`].
+    pub fn set_load(&mut self, load: &[Vec3], u: &[Vec3]) -> Result<(), DeviceError> {
+        let held = |i: usize| if self.fixed.get(i) == Some(&true) { u[i] } else { load[i] };
+        self.device.write(&self.load, &flat(&(0..self.nodes).map(held).collect::<Vec<_>>()))?;
+        if let Some(exact) = &mut self.exact {
+            exact.load = load.to_vec();
+        }
+        Ok(())
+    }
+
     /// Runs the fixed point from `u`, which it leaves at the solution.
     ///
     /// # Errors
@@ -154,9 +179,11 @@ impl<'a> Problem<'a> {
         let mut info = InnerInfo::default();
         let mut acceleration = Anderson::default();
         let mut first = 0.0;
+        let from_rest = u.iter().all(|u| *u == Vec3::zeros());
         for turn in 0..self.params.inner_iterations {
-            // The first turn is linear, as if the volume had not changed yet.
-            self.find_residual(u, turn > 0)?;
+            // From rest the first turn is linear, as if the volume had not changed yet.
+            let linear = turn == 0 && from_rest;
+            self.find_residual(u, !linear)?;
             let (step, norm) = self.increment(&mut info)?;
             if turn == 0 {
                 first = norm;
@@ -168,7 +195,7 @@ impl<'a> Problem<'a> {
                 return Ok(info);
             }
             info.converged = change <= self.params.inner_tolerance;
-            acceleration.advance(u, step, turn > 0);
+            acceleration.advance(u, step, !linear);
             if info.converged {
                 break;
             }

@@ -30,13 +30,14 @@
 //! - The band depends on the body pair alone, and so does the number of outer loops. A
 //!   garment that reaches beyond is given cells of its own ([`extension`]), so its result
 //!   does not change with its outfit-mates.
-//! - The penalty grows after the first outer iteration, and each has its lattice shifted: both
-//!   close the last of the gap sooner (see [`Params::stiffening`]).
-//! - From the third on, outer iterations *close*: what is left varies over less than a cell
-//!   and dies off within as much, so cells half the size in a thin band carry it, and what
-//!   lies beyond stays put ([`Params::refinement`]). Coarse cells alone stalled at a gap of
-//!   0.5 to 0.7 mm (99th percentile) on a heavy man after 7 iterations; two closing ones
-//!   reach 0.25 mm.
+//! - The first flow is solved once more on finer cells near the skin ([`refine`]).
+//! - From the third on, outer iterations *close*: what is left varies over less than a cell and
+//!   dies off within as much, so the finer cells in their thin band carry it, and what lies
+//!   beyond stays put ([`Params::refinement`]). Their penalty is stiffer and each has its
+//!   lattice shifted: both close the last of the gap sooner (see [`Params::stiffening`]).
+//! - Where asked, the boundary's data are corrected in place: what the field misses on the skin
+//!   is added to what is asked for and the same system solved again, an augmented Lagrangian's
+//!   step [Hestenes 1969; Powell 1969] (see [`Params::corrections`]).
 //! - What the gap leaves in creases of the target is named ([`folds`]).
 //! - The bias starts anew in every outer loop, so compression that was accepted before is
 //!   forgotten. The *composed* map's deformation gradient is therefore carried along with
@@ -61,11 +62,13 @@ mod outer;
 mod params;
 pub mod pose;
 pub mod prepared;
+mod refine;
 pub mod stencil;
 mod store;
 pub mod terms;
 #[cfg(test)]
 mod tests;
+mod turn;
 pub mod volume;
 
 use serde::{Deserialize, Serialize};

@@ -1,12 +1,10 @@
 //! The outer loop: flow, move the body along, start again from there.
 
-use super::activity::{Active, narrow_band};
 use super::align::Motion;
-use super::boundary::Boundary;
-use super::domain::{Domain, Kind, Lattice, NONE};
-use super::field::{Field, InnerInfo, Problem};
+use super::field::InnerInfo;
 use super::gap::Gap;
 use super::prepared::{Course, Drift, Flow, Prepared, Skin, Step};
+use super::turn::{Turn, Work};
 use super::{Error, Params, Stop};
 use crate::device::Device;
 use crate::geometry::{Surface, outer_skin, submesh};
@@ -14,10 +12,6 @@ use crate::model::{TriMesh, Vec3};
 
 /// An outer iteration that leaves more than this share of the gap has stalled.
 const STALLED: f64 = 0.9;
-
-/// Where the lattice starts in each outer iteration, in cells along the diagonal: what one
-/// lattice cannot represent the next one may (p99 gap of a heavy man 1.5 mm without, 1.1 with).
-const SHIFTS: [f64; 4] = [0.0, 0.5, 0.25, 0.75];
 
 /// The body on its way to the target.
 struct Body<'a> {
@@ -66,13 +60,20 @@ pub(super) fn prepare(
 impl Body<'_> {
     fn iterate(&mut self, device: &Device, flow: &Flow) -> Result<(Vec<Step>, Course), Error> {
         let params = &flow.params;
-        let (mut steps, mut inner, mut gaps) = (Vec::new(), Vec::new(), Vec::new());
+        let (mut steps, mut inner, mut gaps) = (Vec::<Step>::new(), Vec::new(), Vec::new());
         let mut last = self.gap(&self.drift.points).p99;
+        let mut before = self.drift.clone();
         // No look at the gap beforehand: a body that is already there passes through the
         // same solve as any other.
         while inner.len() < params.outer_iterations {
-            let turn = Turn::new(params, inner.len());
-            let (step, info) = self.solve(device, params, &turn)?;
+            let turn = Turn::new(device, params, inner.len());
+            let refined = if turn.work == Work::Refine { steps.pop() } else { None };
+            if refined.is_some() {
+                (self.drift, last) = (before.clone(), f64::INFINITY);
+            } else {
+                before = self.drift.clone();
+            }
+            let (step, info) = self.solve(&turn, refined)?;
             let mut next = self.drift.clone();
             step.advect(device, flow, &self.skin.triangles, &mut next)?;
             let gap = self.gap(&next.points).p99;
@@ -80,7 +81,7 @@ impl Body<'_> {
             gaps.push(gap);
             let reached = gap <= params.gap_p99;
             // Finer cells may close what coarse ones could not.
-            let stalled = gap > STALLED * last && inner.len() > params.coarse_iterations;
+            let stalled = gap > STALLED * last && turn.work == Work::Close;
             if reached || gap < last {
                 self.drift = next;
                 last = gap;
@@ -94,70 +95,25 @@ impl Body<'_> {
         Ok((steps, Course { inner, gaps, stop: Stop::Limit }))
     }
 
-    /// The flow of an outer iteration, from where the body is now.
-    fn solve(&self, device: &Device, params: &Params, turn: &Turn) -> Result<(Step, InnerInfo), Error> {
-        let surface = Surface::new(self.skin.mesh(&self.drift.points));
-        let (domain, active) = turn.band(&surface)?;
+    /// The flow of an outer iteration from where the body is now, or `refined` with finer cells.
+    fn solve(&self, turn: &Turn<'_>, refined: Option<Step>) -> Result<(Step, InnerInfo), Error> {
         let targets = self.skin.of(self.target);
-        let displacement: Vec<Vec3> =
-            surface.mesh().points.iter().zip(&targets).map(|(p, q)| q - p).collect();
-        let boundary = Boundary::new(&domain, &surface, &displacement, &active, turn.beta, params.quadrature);
-        let fixed = if turn.closing { rim(&domain, &active) } else { Vec::new() };
-        let mut u = vec![Vec3::zeros(); domain.nodes.len()];
-        let info = Problem::new(device, params, &domain, &boundary, &fixed, &u)?.solve(&mut u)?;
-        if !u.iter().all(|u| u.iter().all(|c| c.is_finite())) {
-            return Err(Error::Diverged { outer: turn.number });
+        let displacement = |surface: &Surface| -> Vec<Vec3> {
+            surface.mesh().points.iter().zip(&targets).map(|(p, q)| q - p).collect()
+        };
+        if let Some(mut step) = refined {
+            let surface = step.surface.get().expect("solved just now");
+            let (fine, info) = turn.refine(surface, &displacement(surface), &mut step.field)?;
+            step.fine = Some(fine);
+            return Ok((step, info));
         }
-        Ok((Step::new(Field { domain, displacement: u }, surface, turn.closing), info))
+        let surface = Surface::new(self.skin.mesh(&self.drift.points));
+        let (field, info) = turn.solve(&surface, &displacement(&surface))?;
+        Ok((Step::new(field, surface, turn.work == Work::Close), info))
     }
 
     /// The gap of the outer skin with the body's points at `points`.
     fn gap(&self, points: &[Vec3]) -> Gap {
         Gap::measure(&self.skin.of(points), &self.skin.of(self.target), self.areas)
     }
-}
-
-/// What one outer iteration is solved with.
-struct Turn {
-    /// From 1.
-    number: usize,
-    closing: bool,
-    cell: f64,
-    band: f64,
-    beta: f64,
-}
-
-impl Turn {
-    /// After `done` iterations. A closing one keeps `beta h^2 / nu`.
-    fn new(params: &Params, done: usize) -> Turn {
-        let closing = done >= params.coarse_iterations;
-        let refinement = if closing { params.refinement } else { 1.0 };
-        let stiffening = if done == 0 { 1.0 } else { params.stiffening };
-        Turn {
-            number: done + 1,
-            closing,
-            cell: params.cell / refinement,
-            band: if closing { params.closing_band } else { params.band },
-            beta: params.beta * stiffening * refinement * refinement,
-        }
-    }
-
-    /// The narrow band around `surface`.
-    fn band(&self, surface: &Surface) -> Result<(Domain, Vec<Active>), Error> {
-        let (lo, hi) = surface.mesh().bounds().ok_or(Error::Empty)?;
-        let origin = lo.add_scalar(-self.cell * SHIFTS[self.number % SHIFTS.len()]);
-        let lattice = Lattice { origin, cell: self.cell };
-        Domain::check_size((hi - lo).add_scalar(2.0 * self.band) / self.cell)?;
-        let active = narrow_band(surface, lattice, self.band, &lo, &hi);
-        let cells = active.iter().map(|a| (a.cell, a.kind)).collect();
-        Ok((Domain::new(lattice, cells)?, active))
-    }
-}
-
-/// Nodes at the outer edge of a band: next to a missing cell, and to none near the surface.
-fn rim(domain: &Domain, active: &[Active]) -> Vec<bool> {
-    let far =
-        |cell: u32| cell == NONE || (domain.kinds[cell as usize] == Kind::Open && !active[cell as usize].cut);
-    let rim = |cells: &[u32; 8]| cells.contains(&NONE) && cells.iter().all(|&cell| far(cell));
-    domain.node_cells.iter().map(rim).collect()
 }

@@ -72,22 +72,24 @@ impl Drift {
 #[derive(Debug)]
 pub(super) struct Step {
     pub field: Field,
+    /// The same flow on finer cells near the skin, where it was refined.
+    pub fine: Option<Field>,
     /// The skin's points at its start [m].
     pub skin: Vec<Vec3>,
     /// Whether it only closes what the steps before left: its field ends in zero at the rim
     /// of its band, and what lies beyond stays where it is.
     pub closing: bool,
-    surface: OnceLock<Surface>,
+    pub surface: OnceLock<Surface>,
 }
 
 impl Step {
     pub fn new(field: Field, surface: Surface, closing: bool) -> Step {
-        Step { field, skin: surface.mesh().points.clone(), closing, surface: surface.into() }
+        Step { field, fine: None, skin: surface.mesh().points.clone(), closing, surface: surface.into() }
     }
 
     /// As read from a file: the surface is made when it is asked for.
-    pub fn stored(field: Field, skin: Vec<Vec3>, closing: bool) -> Step {
-        Step { field, skin, closing, surface: OnceLock::new() }
+    pub fn stored(field: Field, fine: Option<Field>, skin: Vec<Vec3>, closing: bool) -> Step {
+        Step { field, fine, skin, closing, surface: OnceLock::new() }
     }
 
     /// Moves points along with the field and, unless it is closing, its extension to them.
@@ -121,7 +123,9 @@ impl Step {
         }
         for (p, gradient) in drift.points.iter_mut().zip(&mut drift.gradient) {
             let beyond = || extension.as_ref().and_then(|(extra, _)| extra.sample(p));
-            let (u, slope) = self.field.sample(p).or_else(beyond).expect("every point has an active cell");
+            let fine = self.fine.as_ref().and_then(|fine| fine.sample(p));
+            let sampled = fine.or_else(|| self.field.sample(p)).or_else(beyond);
+            let (u, slope) = sampled.expect("every point has an active cell");
             *p += u;
             *gradient = (Matrix3::identity() + slope) * *gradient;
         }
@@ -198,7 +202,8 @@ impl Prepared {
     /// Memory that it takes, roughly, with the surfaces that it makes when asked [bytes].
     pub fn bytes(&self) -> usize {
         let field = |field: &Field| field.domain.bytes() + size_of::<Vec3>() * field.displacement.len();
-        let grids = self.flow.steps.iter().map(|step| field(&step.field));
+        let of_step = |step: &Step| field(&step.field) + step.fine.as_ref().map_or(0, field);
+        let grids = self.flow.steps.iter().map(of_step);
         let surfaces = (self.flow.steps.len() + 1) * 400 * self.skin.triangles.len();
         grids.sum::<usize>() + surfaces + 120 * self.body.len()
     }
@@ -260,9 +265,12 @@ impl Prepared {
     /// The account of one garment; `near` is that of the skin near the outfit.
     pub fn info(&self, carried: &Carried, near: &Near) -> Info {
         let (course, gap) = (&self.course, &near.gap);
+        let cells = |field: &Field| field.domain.cells.len();
         let coarse = self.flow.steps.iter().rfind(|step| !step.closing);
-        let band_cells = coarse.map_or(0, |step| step.field.domain.cells.len());
-        let closing = self.flow.steps.iter().rfind(|step| step.closing);
+        let band_cells = coarse.map_or(0, |step| cells(&step.field));
+        let fine =
+            |step: &Step| if step.closing { Some(cells(&step.field)) } else { step.fine.as_ref().map(cells) };
+        let fine_cells = self.flow.steps.iter().rev().find_map(fine);
         let band_iterations: usize = course.inner.iter().flat_map(|i| &i.cg_iterations).sum();
         let solved = self.body_converged && course.inner.iter().all(|i| i.converged);
         Info {
@@ -272,7 +280,7 @@ impl Prepared {
             body_gap_p99_m: self.body_gap.p99,
             skin_gap_p99_m: self.gap(&self.areas).p99,
             active_cells: band_cells + carried.extra_cells,
-            closing_cells: closing.map_or(0, |step| step.field.domain.cells.len()),
+            closing_cells: fine_cells.unwrap_or(0),
             outer_iterations: course.inner.len(),
             cg_iterations: band_iterations + carried.cg_iterations,
             converged: solved && carried.converged && gap.p99 <= self.flow.params.gap_accepted,

@@ -29,7 +29,7 @@ const MAGIC: &[u8; 16] = b"dressform field\n";
 /// Reads differently on a machine of the other byte order.
 const BYTE_ORDER: u32 = 0x0102_0304;
 /// Of the file; grows with every change of its layout.
-const FORMAT: u32 = 2;
+const FORMAT: u32 = 3;
 const HEAD: usize = 16 + 4 + 4 + 32 + 32;
 /// Set in a packed cell of kind [`Kind::Open`].
 const OPEN: u32 = 1 << 31;
@@ -44,29 +44,34 @@ struct Small {
     course: Course,
     body_gap: Gap,
     body_converged: bool,
-    steps: Vec<Grid>,
+    steps: Vec<Grids>,
 }
 
-/// The lattice of a step and the box around its cells.
+/// The grids of a step.
+#[derive(Serialize, Deserialize)]
+struct Grids {
+    field: Grid,
+    fine: Option<Grid>,
+    closing: bool,
+}
+
+/// A lattice and the box around its cells.
 #[derive(Serialize, Deserialize)]
 struct Grid {
     lattice: Lattice,
     lo: Coordinates,
     dims: [u32; 3],
-    closing: bool,
 }
 
 /// The bytes of a transfer that was solved for `key`.
 pub(super) fn encode(prepared: &Prepared, key: &Key) -> Vec<u8> {
-    let grids: Vec<(Grid, Vec<u32>)> = prepared.flow.steps.iter().map(pack).collect();
-    let (grids, cells): (Vec<_>, Vec<_>) = grids.into_iter().unzip();
     let small = Small {
         motion: prepared.flow.motion,
         reach: prepared.flow.reach,
         course: prepared.course.clone(),
         body_gap: prepared.body_gap,
         body_converged: prepared.body_converged,
-        steps: grids,
+        steps: prepared.flow.steps.iter().map(grids).collect(),
     };
     let mut out = vec![0; HEAD];
     put(&mut out, &serde_json::to_vec(&small).expect("plain numbers and names"));
@@ -76,10 +81,12 @@ pub(super) fn encode(prepared: &Prepared, key: &Key) -> Vec<u8> {
     for points in [&prepared.source_skin, &prepared.target_skin, &prepared.body] {
         put(&mut out, cast_slice(&flat(points)));
     }
-    for (step, cells) in prepared.flow.steps.iter().zip(cells) {
-        put(&mut out, cast_slice(&cells));
-        put(&mut out, cast_slice(&flat(&step.field.displacement)));
+    for step in &prepared.flow.steps {
         put(&mut out, cast_slice(&flat(&step.skin)));
+        for field in [Some(&step.field), step.fine.as_ref()].into_iter().flatten() {
+            put(&mut out, cast_slice(&cells(&field.domain, &Grid::of(&field.domain))));
+            put(&mut out, cast_slice(&flat(&field.displacement)));
+        }
     }
     let digest = Sha256::digest(&out[HEAD..]);
     let head = [&MAGIC[..], &BYTE_ORDER.to_ne_bytes(), &FORMAT.to_ne_bytes(), key, &digest].concat();
@@ -100,14 +107,14 @@ pub(super) fn decode(bytes: &[u8], key: &Key, params: &Params) -> Option<Prepare
     let areas = array(&mut rest)?;
     let (source_skin, target_skin, body) = (points(&mut rest)?, points(&mut rest)?, points(&mut rest)?);
     let mut steps = Vec::new();
-    for grid in small.steps {
-        let closing = grid.closing;
-        let domain = unpack(grid, &array(&mut rest)?)?;
-        let displacement = points(&mut rest)?;
-        if displacement.len() != domain.nodes.len() {
-            return None;
-        }
-        steps.push(Step::stored(Field { domain, displacement }, points(&mut rest)?, closing));
+    for grids in small.steps {
+        let skin = points(&mut rest)?;
+        let coarse = field(&grids.field, &mut rest)?;
+        let fine = match grids.fine {
+            Some(grid) => Some(field(&grid, &mut rest)?),
+            None => None,
+        };
+        steps.push(Step::stored(coarse, fine, skin, grids.closing));
     }
     let flow = Flow { params: params.clone(), motion: small.motion, reach: small.reach, steps };
     Some(Prepared {
@@ -124,29 +131,44 @@ pub(super) fn decode(bytes: &[u8], key: &Key, params: &Params) -> Option<Prepare
     })
 }
 
-fn pack(step: &Step) -> (Grid, Vec<u32>) {
-    let domain = &step.field.domain;
-    let (mut lo, mut hi) = ([i32::MAX; 3], [i32::MIN; 3]);
-    for cell in &domain.cells {
-        for d in 0..3 {
-            lo[d] = lo[d].min(cell[d]);
-            hi[d] = hi[d].max(cell[d]);
+fn grids(step: &Step) -> Grids {
+    let fine = step.fine.as_ref().map(|fine| Grid::of(&fine.domain));
+    Grids { field: Grid::of(&step.field.domain), fine, closing: step.closing }
+}
+
+impl Grid {
+    fn of(domain: &Domain) -> Grid {
+        let (mut lo, mut hi) = ([i32::MAX; 3], [i32::MIN; 3]);
+        for cell in &domain.cells {
+            for d in 0..3 {
+                lo[d] = lo[d].min(cell[d]);
+                hi[d] = hi[d].max(cell[d]);
+            }
         }
+        let dims = std::array::from_fn(|d| (i64::from(hi[d]) - i64::from(lo[d]) + 1).max(0) as u32);
+        Grid { lattice: domain.lattice, lo, dims }
     }
-    let dims = std::array::from_fn(|d| (i64::from(hi[d]) - i64::from(lo[d]) + 1).max(0) as u32);
+}
+
+fn cells(domain: &Domain, grid: &Grid) -> Vec<u32> {
     let packed = domain.cells.iter().zip(&domain.kinds).map(|(cell, kind)| {
-        let at: [u32; 3] = std::array::from_fn(|d| (cell[d] - lo[d]) as u32);
-        let slot = (at[0] * dims[1] + at[1]) * dims[2] + at[2]; // domains hold less than 2^27
+        let at: [u32; 3] = std::array::from_fn(|d| (cell[d] - grid.lo[d]) as u32);
+        let slot = (at[0] * grid.dims[1] + at[1]) * grid.dims[2] + at[2]; // domains hold less than 2^27
         match kind {
             Kind::Open => slot | OPEN,
             Kind::Deep => slot,
         }
     });
-    let packed = packed.collect();
-    (Grid { lattice: domain.lattice, lo, dims, closing: step.closing }, packed)
+    packed.collect()
 }
 
-fn unpack(grid: Grid, packed: &[u32]) -> Option<Domain> {
+fn field(grid: &Grid, rest: &mut &[u8]) -> Option<Field> {
+    let domain = unpack(grid, &array(rest)?)?;
+    let displacement = points(rest)?;
+    (displacement.len() == domain.nodes.len()).then_some(Field { domain, displacement })
+}
+
+fn unpack(grid: &Grid, packed: &[u32]) -> Option<Domain> {
     let [_, ny, nz] = grid.dims;
     if ny == 0 || nz == 0 {
         return None;

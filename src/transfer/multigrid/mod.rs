@@ -26,7 +26,7 @@ use crate::solve::cg::Operator;
 use crate::solve::dense::Dense;
 use coarsen::{coarser, galerkin, links};
 use exchange::{PROLONG, RESTRICT};
-use relax::{RELAX, START, Smoother};
+use relax::{RELAX, START, Smoother, System};
 
 /// All kernels of this module.
 pub(super) const KERNELS: [&Kernel; 4] = [&RELAX, &START, &RESTRICT, &PROLONG];
@@ -144,7 +144,8 @@ impl Cycle<'_> {
         let matrix = level.matrix.as_ref().unwrap_or(self.finest);
         let extent = |n: usize| Extent { n: n as u32, coefficient: 0.0, second: 0.0, pad: 0 };
         let coarse = level.children.len();
-        level.smoother.start(device, matrix, b, x)?;
+        let system = System { matrix, b, x };
+        level.smoother.start(device, system)?;
         matrix.apply(device, x, &level.image)?;
         device.run(
             &RESTRICT,
@@ -154,7 +155,7 @@ impl Cycle<'_> {
         )?;
         self.descend(device, depth + 1, &level.coarse_b, &level.coarse_x)?;
         device.run(&PROLONG, level.nodes, &extent(level.nodes), &[&level.parents, &level.coarse_x, x])?;
-        level.smoother.finish(device, matrix, b, x)
+        level.smoother.finish(device, system)
     }
 }
 

@@ -77,6 +77,14 @@ pub static START: Kernel = Kernel {
     },
 };
 
+/// What a sweep relaxes: `matrix x = b`.
+#[derive(Clone, Copy)]
+pub struct System<'a> {
+    pub matrix: &'a Stencil,
+    pub b: &'a Buffer<f32>,
+    pub x: &'a Buffer<f32>,
+}
+
 /// The nodes of a grid by colour.
 #[derive(Debug)]
 pub struct Smoother {
@@ -107,16 +115,11 @@ impl Smoother {
     ///
     /// # Errors
     /// A device's failure.
-    pub fn start(
-        &self,
-        device: &Device,
-        matrix: &Stencil,
-        b: &Buffer<f32>,
-        x: &Buffer<f32>,
-    ) -> Result<(), DeviceError> {
+    pub fn start(&self, device: &Device, system: System<'_>) -> Result<(), DeviceError> {
+        let System { matrix, b, x } = system;
         let colour = Colour { n: matrix.nodes as u32, first: self.starts[1] as u32, pad: [0; 2] };
         device.run(&START, matrix.nodes, &colour, &[&self.order, &matrix.diagonal_inverse, b, x])?;
-        (1..COLOURS).try_for_each(|colour| self.relax(device, matrix, b, x, colour))
+        (1..COLOURS).try_for_each(|colour| self.relax(device, system, colour))
     }
 
     /// A sweep from what `x` holds, last colour first: with [`Smoother::start`] before, the
@@ -124,24 +127,12 @@ impl Smoother {
     ///
     /// # Errors
     /// A device's failure.
-    pub fn finish(
-        &self,
-        device: &Device,
-        matrix: &Stencil,
-        b: &Buffer<f32>,
-        x: &Buffer<f32>,
-    ) -> Result<(), DeviceError> {
-        (0..COLOURS).rev().try_for_each(|colour| self.relax(device, matrix, b, x, colour))
+    pub fn finish(&self, device: &Device, system: System<'_>) -> Result<(), DeviceError> {
+        (0..COLOURS).rev().try_for_each(|colour| self.relax(device, system, colour))
     }
 
-    fn relax(
-        &self,
-        device: &Device,
-        matrix: &Stencil,
-        b: &Buffer<f32>,
-        x: &Buffer<f32>,
-        colour: usize,
-    ) -> Result<(), DeviceError> {
+    fn relax(&self, device: &Device, system: System<'_>, colour: usize) -> Result<(), DeviceError> {
+        let System { matrix, b, x } = system;
         let (first, n) = (self.starts[colour], self.starts[colour + 1] - self.starts[colour]);
         let params = Colour { n: n as u32, first: first as u32, pad: [0; 2] };
         let buffers: [&dyn crate::device::AnyBuffer; 8] = [

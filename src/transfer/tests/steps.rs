@@ -1,4 +1,4 @@
-//! Tight solves, closing steps, garments beyond the band, folds.
+//! Tight solves, corrections, refined and closing steps, garments beyond the band, folds.
 
 use super::*;
 
@@ -20,6 +20,61 @@ fn a_tight_solve_is_the_fixed_point_of_the_device() {
 }
 
 #[test]
+fn corrections_bring_the_skin_to_its_target_at_once() {
+    let source = sphere(Vec3::zeros(), 0.12, 5);
+    let target = mapped(&source, |p| p * 1.15);
+    let left = |corrections: usize| {
+        let params = Params { corrections, outer_iterations: 1, gap_p99: 1e-6, ..Params::default() };
+        prepare(&Device::cpu(), &source, &target, &params).unwrap().near(&[]).gap.mean
+    };
+    let (without, one, two) = (left(0), left(1), left(2));
+    assert!(one < 0.3 * without && two < one, "{without} {one} {two}");
+}
+
+/// The sphere that is to be waved, with its first step refined.
+fn refined(params: &Params) -> Prepared {
+    let source = sphere(Vec3::zeros(), 0.12, 5);
+    let target = mapped(&source, |p| p * (1.1 + 0.05 * (60.0 * p.y).sin()));
+    prepare(&Device::cpu(), &source, &target, params).unwrap()
+}
+
+#[test]
+fn a_refined_step_goes_over_into_the_coarse_one() {
+    let params = Params { outer_iterations: 2, gap_p99: 1e-6, ..Params::default() };
+    let prepared = refined(&params);
+    let [step] = &prepared.flow.steps[..] else { panic!("one step, refined") };
+    let (coarse, fine) = (&step.field, step.fine.as_ref().unwrap());
+    assert_eq!(fine.domain.lattice.cell, params.cell / params.refinement as f64);
+    let mut seed = 3;
+    for _ in 0..2000 {
+        let direction = Vec3::from_fn(|_, _| pseudo_random(&mut seed)).normalize();
+        // Out along a ray to where the fine cells end.
+        let last =
+            (0..2000).map(|k| 0.12 + 1e-4 * f64::from(k)).find(|r| fine.sample(&(direction * *r)).is_none());
+        let edge = direction * last.unwrap();
+        let (inside, outside) = (edge - direction * 1e-4, edge);
+        let jump = (fine.sample(&inside).unwrap().0 - coarse.sample(&outside).unwrap().0).norm();
+        assert!(jump < 3e-5, "{jump} at {edge}");
+    }
+}
+
+#[test]
+fn refinement_brings_coarse_cells_near_to_fine_ones() {
+    let cloth = sphere(Vec3::zeros(), 0.135, 4).points;
+    let carried = |params: Params| {
+        let params = Params { gap_p99: 1e-6, ..params };
+        refined(&params).carry(&Device::cpu(), &cloth).unwrap().points
+    };
+    let standard = Params::default();
+    let coarse = carried(Params { outer_iterations: 1, ..standard.clone() });
+    let refined = carried(Params { outer_iterations: 2, ..standard.clone() });
+    let fine = Params { cell: 0.01, beta: 4.0 * standard.beta, outer_iterations: 1, ..standard };
+    let fine = carried(fine);
+    let (before, after) = (farthest(&coarse, &fine), farthest(&refined, &fine));
+    assert!(after < 0.3 * before, "{before} {after}");
+}
+
+#[test]
 fn a_closing_step_ends_in_nothing_at_its_rim() {
     let source = sphere(Vec3::zeros(), 0.12, 5);
     let target = mapped(&source, |p| p * (1.0 + 0.1 * (40.0 * p.y).sin()));
@@ -28,7 +83,7 @@ fn a_closing_step_ends_in_nothing_at_its_rim() {
     let step = prepared.flow.steps.last().unwrap();
     assert!(step.closing);
     let grid = &step.field.domain;
-    assert_eq!(grid.lattice.cell, params.cell / params.refinement);
+    assert_eq!(grid.lattice.cell, params.cell / params.refinement as f64);
     let mut rim = 0;
     for (node, u) in step.field.displacement.iter().enumerate() {
         let place = Vec3::from(grid.nodes[node].map(f64::from)) * grid.lattice.cell + grid.lattice.origin;
