@@ -13,7 +13,7 @@ import argparse
 import json
 import sys
 import time
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -56,6 +56,10 @@ class Case:
     name: str
     garment: GarmentSource
     points: Any
+    #: Outfit and character, the garment's report, and the CPU seconds of its outfit's transfer and refit.
+    pair: str = ""
+    report: dict[str, Any] = field(default_factory=dict)
+    seconds: float = 0.0
 
 
 def refit(case: Case, pattern: dict) -> tuple[dict, float]:
@@ -73,10 +77,13 @@ def carried(data: Path, cache: str | None, only: list[str]) -> list[Case]:
         if character.stem.startswith("source_") or (only and name not in only):
             continue
         outfit, (target, _) = read_outfit(outfit_path), read_character(character)
+        started = time.process_time()
         fitted = dressform.fit_arrays(outfit, target, STILL, "cpu", None, cache)
-        for garment, dressed in zip(outfit.garments, fitted.garments, strict=True):
+        seconds = time.process_time() - started
+        pair, reports = f"{outfit_path.stem} on {character.stem}", fitted.report["garments"]
+        for garment, dressed, report in zip(outfit.garments, fitted.garments, reports, strict=True):
             label = f"{outfit_path.stem} {garment.name} on {character.stem}"
-            cases.append(Case(label, garment, dressed.points))
+            cases.append(Case(label, garment, dressed.points, pair, report, seconds))
         print(name, file=sys.stderr, flush=True)
     return cases
 
@@ -101,6 +108,28 @@ def pair_table(cases: list[Case]) -> list[str]:
             f"{now['length_residual']:.0e}, {now['shape_residual']:.0e}, {1e3 * now['step_residual_m']:.0e}"
             + ("" if now["converged"] else " (not converged)"),
             f"{seconds:.2f}",
+        ]  # fmt: skip
+        rows.append("| " + " | ".join(cells) + " |")
+    return rows
+
+
+def outfit_table(cases: list[Case]) -> list[str]:
+    """Transfer and refit of each outfit: the worst of its garments."""
+    head = "pair | gap p99 / mean mm | outer | CG | CPU s | strain change p50 / p99 | mismatch % | flips"
+    rows = ["## Every pair", "", f"| {head} |", "|" + " --- |" * (head.count("|") + 1)]
+    for pair in dict.fromkeys(case.pair for case in cases):
+        worn = [case for case in cases if case.pair == pair]
+        flow = worn[0].report["transfer"]
+        refits = [case.report["pattern"] for case in worn]
+
+        def worst(key: str, refits: list[dict] = refits) -> float:
+            return max(r[key] for r in refits)
+
+        cells = [
+            pair, f"{1e3 * flow['gap_p99_m']:.3f} / {1e3 * flow['gap_mean_m']:.3f}",
+            str(flow["outer_iterations"]), str(flow["cg_iterations"]), f"{worn[0].seconds:.1f}",
+            f"{worst('strain_change_p50'):.3f} / {worst('strain_change_p99'):.3f}",
+            f"{100 * worst('seam_mismatch_max'):.4f}", str(sum(r["flipped_triangles"] for r in refits)),
         ]  # fmt: skip
         rows.append("| " + " | ".join(cells) + " |")
     return rows
@@ -206,7 +235,13 @@ def main() -> int:
     options = parser.parse_args()
     cases = carried(options.data, options.cache, options.only)
     welded = [case for case in cases if not case.garment.seams]
-    parts = [trade_table(cases), crumpled_table(cases), size_table(welded[0]), pair_table(cases)]
+    parts = [
+        outfit_table(cases),
+        trade_table(cases),
+        crumpled_table(cases),
+        size_table(welded[0]),
+        pair_table(cases),
+    ]
     text = "\n\n".join("\n".join(part) for part in parts) + "\n"
     print(text)
     if options.table:

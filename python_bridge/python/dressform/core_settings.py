@@ -132,17 +132,14 @@ class PatternSettings(CoreModel):
     #: Weight of the outline's shape against the cloth's strain (dimensionless).
     outline_weight: Number = 0.03
     #: Weight of the straightness of originally straight runs, which may turn as a whole (dimensionless).
-    straight_weight: Number = 0.3
+    straight_weight: Number = 1.0
     #: Most that an originally straight run may deviate from its chord, over the chord's length.
-    straight_bound: Number = 0.009
+    straight_bound: Number = 0.0098
     #: Most that a corner of the outline may change its angle [degrees].
-    corner_bound: Number = 2.8
+    corner_bound: Number = 2.99
     #: Whether panels that mirror one another stay mirror images, where the target makes their edges less than
     #: 3% different.
     mirror: bool = True
-    #: How much more those triangles count in a second solve that the first gave least of what they want
-    #: (dimensionless); 0 leaves it out.
-    tail_weight: Number = 1.0
     #: Pull of every vertex towards its original place (dimensionless): settles where each panel lies, nothing
     #: else.
     anchor_weight: Number = 1e-08
