@@ -28,6 +28,8 @@ const ARMIJO: f64 = 1e-4;
 const SHORTEST: f64 = 1e-7;
 /// Newton iterations of a push.
 const PUSH_ITERATIONS: usize = 8;
+/// Share of what is free that a stubborn problem moves by where nothing brings the objective down.
+const NUDGE: f64 = 0.25;
 /// How many times more Newton iterations a quasi-static step may take: it moves farther.
 const QUASI_STATIC: usize = 4;
 /// Iterations that the quasi-Newton history remembers.
@@ -99,6 +101,9 @@ struct Problem {
     target: Vec<Vec3>,
     inertia: f64,
     friction: Vec<Stencil>,
+    /// Whether moves are made that do not bring the objective down: springs of tangled pairs jump
+    /// where a pair changes sides, and a push must get past that.
+    stubborn: bool,
 }
 
 /// The objective and its gradient at one configuration.
@@ -258,6 +263,7 @@ impl<'a> Simulation<'a> {
             target: self.x.clone(),
             inertia: 0.0,
             friction: self.lagged.clone(),
+            stubborn: false,
         };
         let here = self.evaluate(&self.x, &still);
         let net: Vec<Vec3> = (0..self.x.len()).map(|i| here.gradient[i] - self.outer_force(i)).collect();
@@ -302,7 +308,8 @@ impl<'a> Simulation<'a> {
             })
             .collect();
         let friction = self.lag_friction(&contacts, h);
-        let problem = Problem { start: self.x.clone(), target, inertia: 1.0 / (h * h), friction };
+        let problem =
+            Problem { start: self.x.clone(), target, inertia: 1.0 / (h * h), friction, stubborn: false };
         let most = if damping < 1.0 { self.params.max_newton } else { QUASI_STATIC * self.params.max_newton };
         let (x, info) = self.minimise(&problem, most, relative)?;
         self.moved = x.iter().zip(&self.x).map(|(x, s)| x - s).collect();
@@ -350,14 +357,14 @@ impl<'a> Simulation<'a> {
     pub(super) fn push(&mut self, h: f64) -> Result<StepInfo, Error> {
         self.offsets.turn(&self.x);
         self.contact.refresh(&self.points(), f64::INFINITY);
-        self.at_rest(h, PUSH_ITERATIONS)
+        self.at_rest(h, PUSH_ITERATIONS, true)
     }
 
     /// An iteration towards the aims of points inside of solids, nothing else in the way.
     pub(super) fn draw(&mut self, h: f64) -> Result<StepInfo, Error> {
         self.offsets.turn(&self.x);
         self.contact.let_through(&self.points());
-        self.at_rest(h, 1)
+        self.at_rest(h, 1, false)
     }
 
     /// Over the folds of lower layers that the cloth passes through; `None` where there are none.
@@ -366,20 +373,20 @@ impl<'a> Simulation<'a> {
         if !self.contact.lift(&self.points()) {
             return Ok(None);
         }
-        self.at_rest(h, self.params.max_newton).map(Some)
+        self.at_rest(h, self.params.max_newton, false).map(Some)
     }
 
     /// The equilibrium without gravity and friction, from rest.
     pub(super) fn relax(&mut self, h: f64) -> Result<StepInfo, Error> {
         self.offsets.turn(&self.x);
         self.contact.refresh(&self.points(), f64::INFINITY);
-        self.at_rest(h, self.params.max_newton)
+        self.at_rest(h, self.params.max_newton, false)
     }
 
     /// Minimises from rest, in at most so many iterations; leaves the cloth at rest.
-    fn at_rest(&mut self, h: f64, most: usize) -> Result<StepInfo, Error> {
+    fn at_rest(&mut self, h: f64, most: usize, stubborn: bool) -> Result<StepInfo, Error> {
         let (start, target) = (self.x.clone(), self.x.clone());
-        let problem = Problem { start, target, inertia: 1.0 / (h * h), friction: Vec::new() };
+        let problem = Problem { start, target, inertia: 1.0 / (h * h), friction: Vec::new(), stubborn };
         let (x, info) = self.minimise(&problem, most, 0.0)?;
         self.x = x;
         self.v.iter_mut().for_each(|v| *v = Vec3::zeros());
@@ -461,7 +468,7 @@ impl<'a> Simulation<'a> {
         Ok(history.after(direction, &weights))
     }
 
-    /// Backtracks along `direction` until the objective falls.
+    /// Backtracks along `direction` until the objective falls; a stubborn problem moves anyway.
     fn search(
         &self,
         x: &[Vec3],
@@ -472,7 +479,8 @@ impl<'a> Simulation<'a> {
     ) -> Option<(Vec<Vec3>, Here)> {
         let sheet = &self.contact.scene.sheet;
         let by_point: Vec<Vec3> = sheet.node.iter().map(|&n| direction[n as usize]).collect();
-        let mut share = self.contact.free_share(&here.points, &by_point, &here.contacts);
+        let free = self.contact.free_share(&here.points, &by_point, &here.contacts);
+        let mut share = free;
         while share > SHORTEST {
             let next: Vec<Vec3> = x.iter().zip(direction).map(|(x, d)| x + d * share).collect();
             let there = self.evaluate(&next, problem);
@@ -482,7 +490,12 @@ impl<'a> Simulation<'a> {
             }
             share *= 0.5;
         }
-        None
+        if !problem.stubborn {
+            return None;
+        }
+        let next: Vec<Vec3> = x.iter().zip(direction).map(|(x, d)| x + d * (NUDGE * free)).collect();
+        let there = self.evaluate(&next, problem);
+        Some((next, there))
     }
 
     fn evaluate(&self, x: &[Vec3], problem: &Problem) -> Here {

@@ -3,7 +3,8 @@
 //! An *aim* is a one-sided spring that draws a weighted sum of contact points along a direction
 //! until it gets to a goal. Aims are set where the cloth is classified and hold until it is
 //! classified again, so that a push minimises over one fixed set of them:
-//! - a point inside of a collider aims at its way out, plus the contact distance;
+//! - a point inside of a collider aims at its way out, plus the contact distance, and so does the
+//!   middle of an edge that a solid has swallowed between its ends;
 //! - a point of a region inside of another part of the sheet ([`super::regions`]) aims through
 //!   the closest triangle of what cut it off;
 //! - a crossing that belongs to no region aims along its contour's gradient ([`super::contour`]).
@@ -12,15 +13,20 @@ use rayon::prelude::*;
 
 use super::contour;
 use super::crossing::Tangles;
+use super::fixed::{Fixed, SOLID_THRESHOLD};
 use super::pairs::{Radii, Scene};
 use super::regions::Cut;
 use super::sheet::Sheet;
 use super::stencil::{Kind, Stencil};
+use super::tree::bounds;
 use crate::geometry::triangle;
 use crate::model::Vec3;
 
 /// How far a push draws an edge through a triangle, each of the two half of it [m].
 const CONTOUR_STEP: f64 = 4e-3;
+
+/// Length of the sum of two unit normals below which they are of no ridge.
+const RIDGE: f64 = 0.3;
 
 /// See the module's documentation.
 #[derive(Clone, Copy, Debug)]
@@ -99,8 +105,50 @@ pub fn out_of_colliders(scene: &Scene<'_>, tangles: &Tangles, radii: &Radii, x: 
             let (points, weights) = ([p as u32; 4], [1.0, 0.0, 0.0, 0.0]);
             Aim { points, weights, direction, goal, radius, of_solid: collider.solid }
         }));
+        if collider.solid {
+            let edges = (0..scene.sheet.edges.ends.len()).into_par_iter();
+            let crossed = edges.filter(|&e| tangles.edges.get(c).is_some_and(|list| list[e]));
+            aims.par_extend(crossed.filter_map(|e| {
+                let ends = scene.sheet.edges.ends[e];
+                let outside = ends.iter().all(|&p| !tangles.inside[c][p as usize]);
+                if outside { over_ridge(collider, ends, radius, x) } else { None }
+            }));
+        }
     }
     aims
+}
+
+/// For an edge with both ends outside of a solid: the middle of what is inside, over the ridge
+/// between the skin where the edge enters and where it leaves.
+fn over_ridge(solid: &Fixed<'_>, ends: [u32; 2], radius: f64, x: &[Vec3]) -> Option<Aim> {
+    let [p, q] = ends.map(|i| x[i as usize]);
+    let length = (q - p).norm();
+    let along = (q - p).try_normalize(0.0)?;
+    let mut hits: Vec<(f64, u32)> = Vec::new();
+    solid.triangle_tree.query(&bounds(&[p, q], 0.0), &mut |t| {
+        let hit = triangle::ray(&p, &along, &solid.mesh().corners(t as usize));
+        hits.extend(hit.filter(|(at, _)| *at <= length).map(|(at, _)| (at, t)));
+    });
+    let first = hits.iter().min_by(|a, b| a.0.total_cmp(&b.0))?;
+    let last = hits.iter().max_by(|a, b| a.0.total_cmp(&b.0))?;
+    let middle = p + along * (0.5 * (first.0 + last.0));
+    let normal = |hit: &(f64, u32)| solid.triangle_normals[hit.1 as usize];
+    // On the two sides of a plate there is no ridge to go over.
+    let direction = (normal(first) + normal(last)).try_normalize(RIDGE)?;
+    if solid.surface.winding_number(&middle) <= SOLID_THRESHOLD {
+        return None;
+    }
+    let goal = direction.dot(&middle) + (last.0 - first.0) + radius;
+    let share = (middle - p).norm() / length;
+    let weights = [1.0 - share, share, 0.0, 0.0];
+    Some(Aim {
+        points: [ends[0], ends[1], ends[0], ends[0]],
+        weights,
+        direction,
+        goal,
+        radius,
+        of_solid: false,
+    })
 }
 
 /// Points of inside regions, through what cut them off.

@@ -3,7 +3,7 @@
 use rayon::prelude::*;
 use robust::{Coord3D, orient3d};
 
-use super::fixed::{Edges, Fixed};
+use super::fixed::{Edges, Fixed, Side};
 use super::regions::Regions;
 use super::sheet::Sheet;
 use super::tree::{BoxTree, bounds};
@@ -49,15 +49,15 @@ impl Tangles {
         let normals = sheet.normals(x);
         (self.inside, self.outward) = (Vec::new(), Vec::new());
         for collider in colliders {
-            let (inside, outward): (Vec<bool>, Vec<bool>) = x
-                .par_iter()
-                .zip(&normals)
-                .map(|(p, normal)| {
-                    let side = collider.side(p);
-                    (collider.is_inside(p, &side), side.normal.dot(normal) > 0.0)
-                })
-                .unzip();
-            let agree = outward.iter().filter(|outward| **outward).count();
+            let sides: Vec<Side> = x.par_iter().map(|p| collider.side(p)).collect();
+            let places = x.par_iter().zip(&sides);
+            let mut inside: Vec<bool> = places.clone().map(|(p, side)| collider.is_inside(p, side)).collect();
+            if collider.solid && inside.contains(&true) {
+                let buried = places.map(|(p, side)| collider.is_buried(p, side));
+                inside.par_iter_mut().zip(buried).for_each(|(i, buried)| *i |= buried);
+            }
+            let outward = sides.iter().zip(&normals).map(|(side, n)| side.normal.dot(n) > 0.0);
+            let agree = outward.filter(|outward| *outward).count();
             self.outward.push(2 * agree > x.len());
             self.inside.push(inside);
         }

@@ -7,13 +7,16 @@
 
 use std::borrow::Cow;
 use std::collections::HashMap;
+use std::sync::OnceLock;
+
+use rayon::prelude::*;
 
 use super::tree::{BoxTree, bounds};
 use crate::geometry::Surface;
 use crate::model::{TriMesh, Vec3};
 
 /// Winding number above which a point counts as inside of a solid.
-const SOLID_THRESHOLD: f64 = 0.5;
+pub(super) const SOLID_THRESHOLD: f64 = 0.5;
 /// The same for a garment, which is open (paper section 5, Unified Collision SDFs).
 const LAYER_THRESHOLD: f64 = 0.25;
 /// Deepest start below a lower garment that is taken for a fault [m].
@@ -25,6 +28,11 @@ pub(super) const FACING: f64 = 0.2;
 const DETOUR: f64 = 2.0;
 /// The same for shallow points [m].
 const DETOUR_MIN: f64 = 5e-3;
+
+/// How far a way out around hidden skin may be [m].
+const AROUND: f64 = 0.15;
+/// A triangle is looked at from this far above it [m].
+const ABOVE: f64 = 1e-3;
 
 /// Edges of a mesh with the triangles at their sides.
 #[derive(Clone, Debug, Default)]
@@ -63,12 +71,27 @@ impl Edges {
 pub struct Side {
     /// Closest point [m].
     pub point: Vec3,
+    /// The triangle that it lies on.
+    pub triangle: u32,
     /// Outward pseudo-normal there.
     pub normal: Vec3,
     /// Distance, negative inside [m].
     pub signed: f64,
     /// Whether the closest point lies on an open border.
     pub border: bool,
+}
+
+/// Parts of a collider that lie inside of it, see [`Fixed::hidden`].
+#[derive(Clone, Debug)]
+pub struct Hidden {
+    /// Triangles, as their centres are.
+    pub triangles: Vec<bool>,
+    /// Triangles with a corner or their centre inside.
+    pub partly: Vec<bool>,
+    /// Edges with no other triangle.
+    pub edges: Vec<bool>,
+    /// Points with no other triangle.
+    pub points: Vec<bool>,
 }
 
 /// A collider with what contact asks of it.
@@ -89,6 +112,7 @@ pub struct Fixed<'a> {
     pub edge_tree: BoxTree,
     /// See [`Fixed::triangle_tree`].
     pub point_tree: BoxTree,
+    hidden: OnceLock<Hidden>,
 }
 
 impl<'a> Fixed<'a> {
@@ -121,7 +145,40 @@ impl<'a> Fixed<'a> {
             point_tree: BoxTree::new(mesh.points.iter().map(|p| (*p, *p))),
             edges,
             surface,
+            hidden: OnceLock::new(),
         }
+    }
+
+    /// What of a solid lies inside of it: where a body crosses itself, an arm pressed into its
+    /// flank, its skin bounds nothing. Found when it is first asked for.
+    pub fn hidden(&self) -> &Hidden {
+        self.hidden.get_or_init(|| {
+            let mesh = self.mesh();
+            let covered = |at: Vec3, normal: Vec3| {
+                let above = at + normal.try_normalize(0.0).unwrap_or_default() * ABOVE;
+                self.solid && self.surface.winding_number(&above) > SOLID_THRESHOLD
+            };
+            let centre = |t: usize| mesh.corners(t).iter().sum::<Vec3>() / 3.0;
+            let triangles: Vec<bool> = (0..mesh.triangles.len())
+                .into_par_iter()
+                .map(|t| covered(centre(t), self.triangle_normals[t]))
+                .collect();
+            let mut normals = vec![Vec3::zeros(); mesh.points.len()];
+            for (t, triangle) in mesh.triangles.iter().enumerate() {
+                triangle.iter().for_each(|&p| normals[p as usize] += mesh.area_normal(t));
+            }
+            let corners: Vec<bool> =
+                mesh.points.par_iter().zip(&normals).map(|(p, n)| covered(*p, *n)).collect();
+            let partly = mesh.triangles.iter().zip(&triangles);
+            let partly = partly.map(|(c, t)| *t || c.iter().any(|&p| corners[p as usize])).collect();
+            let shown = |t: &u32| !triangles[*t as usize];
+            let edges = self.edges.triangles.iter().map(|sides| !sides.iter().any(shown)).collect();
+            let mut points = vec![true; mesh.points.len()];
+            for (triangle, _) in mesh.triangles.iter().zip(&triangles).filter(|(_, hidden)| !**hidden) {
+                triangle.iter().for_each(|&p| points[p as usize] = false);
+            }
+            Hidden { triangles, partly, edges, points }
+        })
     }
 
     /// The mesh.
@@ -143,26 +200,43 @@ impl<'a> Fixed<'a> {
         let (normal, border) = (self.surface.pseudo_normal(&closest), self.surface.is_boundary(&closest));
         let inside = (x - closest.point).dot(&normal) < 0.0;
         let signed = if inside { -closest.distance } else { closest.distance };
-        Side { point: closest.point, normal, signed, border }
+        Side { point: closest.point, triangle: closest.triangle, normal, signed, border }
     }
 
     /// Where `x` is to leave: the closest point or, with the cloth's outward `normal` there, the
     /// closest of those that face the same way. An armpit's cloth then goes to the armpit and not
-    /// to the chest, and the two layers in a fold of the skin each to their own side of it.
+    /// to the chest, and the two layers in a fold of the skin each to their own side of it. Skin
+    /// inside of the body is no way out.
     pub fn way_out(&self, x: &Vec3, normal: Option<&Vec3>) -> Side {
         let side = self.side(x);
-        let Some(normal) = normal.filter(|n| n.dot(&side.normal) < FACING) else { return side };
-        let reach = DETOUR * side.signed.abs() + DETOUR_MIN;
-        let faces = |t: u32| self.triangle_normals[t as usize].dot(normal) > FACING;
-        match self.surface.closest_among(x, reach, faces) {
+        let faces = |t: u32| normal.is_none_or(|n| self.triangle_normals[t as usize].dot(n) > FACING);
+        let hidden = self.hidden();
+        let shown = |t: u32| !hidden.partly[t as usize];
+        let buried = !shown(side.triangle);
+        if !buried && normal.is_none_or(|n| n.dot(&side.normal) >= FACING) {
+            return side;
+        }
+        let reach = if buried { AROUND } else { DETOUR * side.signed.abs() + DETOUR_MIN };
+        let facing = self.surface.closest_among(x, reach, |t| shown(t) && faces(t));
+        let any = || if buried { self.surface.closest_among(x, reach, shown) } else { None };
+        match facing.or_else(any) {
             Some(c) => Side {
                 point: c.point,
+                triangle: c.triangle,
                 normal: self.triangle_normals[c.triangle as usize],
                 signed: -c.distance,
                 border: false,
             },
             None => side,
         }
+    }
+
+    /// Whether `x`, outside of the skin at `side`, is inside of the body all the same, since that
+    /// skin is. Slower than [`Fixed::is_inside`], and worth asking only where something is inside.
+    pub fn is_buried(&self, x: &Vec3, side: &Side) -> bool {
+        side.signed >= 0.0
+            && self.hidden().triangles[side.triangle as usize]
+            && self.surface.winding_number(x) > SOLID_THRESHOLD
     }
 
     /// Whether `x`, seen at `side`, starts on the wrong side: inside by its pseudo-normal *and* by

@@ -6,7 +6,7 @@ use rayon::prelude::*;
 
 use super::ccd::Shape;
 use super::crossing::Tangles;
-use super::fixed::Fixed;
+use super::fixed::{Fixed, Hidden};
 use super::sheet::Sheet;
 use super::tree::{BoxTree, bounds};
 use crate::model::Vec3;
@@ -146,6 +146,9 @@ impl Scene<'_> {
         let (sheet, collider) = (&self.sheet, &self.colliders[c]);
         let (inside, crossed) = (&tangles.inside[c], &tangles.edges[c]);
         let wrong = Mode::Wrong { sign: 1.0 };
+        // Skin inside of the body would hold up what has to leave it.
+        let hidden = (collider.solid && inside.contains(&true)).then(|| collider.hidden());
+        let shown = |list: fn(&Hidden) -> &[bool], i: u32| hidden.is_none_or(|h| !list(h)[i as usize]);
         let near = |role, a, b, mode| {
             self.within(Pair { role, collider: c as u16, a, b, radius, found_at: 0.0, mode }, x, reach)
         };
@@ -153,7 +156,9 @@ impl Scene<'_> {
             // A point inside has one spring of its own, see `narrow`.
             if !inside[v] {
                 collider.triangle_tree.query(&bounds(&[x[v]], reach), &mut |t| {
-                    list.extend(near(Role::OnCollider, v as u32, t, Mode::Clean));
+                    if shown(|h| &h.triangles, t) {
+                        list.extend(near(Role::OnCollider, v as u32, t, Mode::Clean));
+                    }
                 });
             }
         });
@@ -162,7 +167,7 @@ impl Scene<'_> {
             let tangled = tangles.triangles[c][t] || tri.iter().any(|&p| inside[p as usize]);
             let mode = if tangled { wrong } else { Mode::Clean };
             collider.point_tree.query(&bounds(&tri.map(|i| x[i as usize]), reach), &mut |p| {
-                if collider.used[p as usize] {
+                if collider.used[p as usize] && shown(|h| &h.points, p) {
                     list.extend(near(Role::UnderCloth, p, t as u32, mode));
                 }
             });
@@ -172,7 +177,9 @@ impl Scene<'_> {
             let tangled = crossed[e] || ends.iter().any(|&p| inside[p as usize]);
             let mode = if tangled { wrong } else { Mode::Clean };
             collider.edge_tree.query(&bounds(&ends.map(|i| x[i as usize]), reach), &mut |f| {
-                list.extend(near(Role::EdgeCollider, e as u32, f, mode));
+                if shown(|h| &h.edges, f) {
+                    list.extend(near(Role::EdgeCollider, e as u32, f, mode));
+                }
             });
         });
         [points, faces, edges].concat()

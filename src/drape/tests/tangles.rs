@@ -1,6 +1,7 @@
 //! Made tangles, each small: what starts crossed, inside or pinched ends clean and converged.
 
 use super::*;
+use crate::drape::contact::fixed::Fixed;
 
 fn weightless() -> Params {
     Params { gravity: 0.0, frames: 1, ..untangling() }
@@ -117,6 +118,30 @@ fn cloth_pinched_in_a_fold_finds_its_side() {
     assert!(out.info.inside_before > 20);
     assert_clean(&garment, &out, &[&lower, &upper]);
     assert!(out.points.iter().all(|p| p.y > 0.0 && p.y < 3e-3));
+}
+
+#[test]
+fn skin_inside_of_a_body_that_crosses_itself_is_no_way_out() {
+    // Two balls that overlap in a lens.
+    let centres = [-0.06, 0.06].map(|x| Vec3::new(x, 0.0, 0.0));
+    let mut mesh = TriMesh { points: Vec::new(), triangles: Vec::new() };
+    for centre in &centres {
+        let (ball, first) = (sphere(0.1, 24), mesh.points.len() as u32);
+        mesh.points.extend(ball.mesh().points.iter().map(|p| p + centre));
+        mesh.triangles.extend(ball.mesh().triangles.iter().map(|t| t.map(|p| p + first)));
+    }
+    let surface = Surface::new(mesh);
+    let body = Fixed::new(&surface, true);
+    let at = Vec3::new(0.02, 0.05, 0.0);
+    assert!((body.side(&at).point - centres[1]).norm() < 0.08);
+    let out = body.way_out(&at, None);
+    assert!(out.signed < 0.0 && centres.iter().all(|c| (out.point - c).norm() > 0.09), "{out:?}");
+    // In one ball alone, outside of the other, whose skin is the nearest.
+    let at = Vec3::new(-0.045, 0.0, 0.0);
+    let side = body.side(&at);
+    assert!(side.signed > 0.0 && !body.is_inside(&at, &side) && body.is_buried(&at, &side));
+    let beside = Vec3::new(0.0, 0.09, 0.0);
+    assert!(!body.is_buried(&beside, &body.side(&beside)));
 }
 
 #[test]
