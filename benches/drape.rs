@@ -25,8 +25,12 @@ struct Case {
     source: Option<GarmentSource>,
     #[serde(default)]
     garment: Option<Garment>,
+    /// Where the garment's vertices start.
     #[serde(default)]
     points: Option<Vec<Vec3>>,
+    /// The same by the source's points.
+    #[serde(default)]
+    start: Option<Vec<Vec3>>,
     #[serde(default)]
     pattern: Option<Vec<Vec2>>,
     colliders: Vec<TriMesh>,
@@ -71,9 +75,13 @@ fn main() {
         case.colliders.into_iter().map(Surface::new).collect(),
         case.layers.into_iter().map(Surface::new).collect(),
     );
+    let by_source = |start: &Vec<Vec3>| -> Vec<Vec3> {
+        garment.point_of_vertex.iter().map(|&p| start[p as usize]).collect()
+    };
+    let points = case.points.or_else(|| case.start.as_ref().map(by_source));
     let input = Input {
         garment: &garment,
-        points: case.points.as_deref().unwrap_or(&garment.points),
+        points: points.as_deref().unwrap_or(&garment.points),
         pattern: case.pattern.as_deref().unwrap_or(&garment.pattern),
         colliders: &colliders.iter().collect::<Vec<_>>(),
         layers: &layers.iter().collect::<Vec<_>>(),

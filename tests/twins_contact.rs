@@ -4,7 +4,8 @@
 mod common;
 
 use dressform::device::Device;
-use dressform::drape::contact::operator::{KERNELS, Stencils};
+use dressform::drape::contact::KERNELS;
+use dressform::drape::contact::operator::Stencils;
 use dressform::drape::contact::stencil::{Kind, Stencil};
 use dressform::model::Vec3;
 use dressform::solve::bsr::{BlockDiagonal, Bsr};

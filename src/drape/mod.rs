@@ -20,7 +20,7 @@
 //! *Push out*: what starts on a wrong side is pushed through, at rest; no time passes.
 //! *Untangle*: 6 frames of 1/24 s with 90% velocity damping per step, as in the paper.
 //! *Settle*: quasi-static steps of growing length until the net force on every node is small,
-//! or to a limit.
+//! or to a limit; those before the longest only approach.
 //! *Repair*: if anything still crosses, further pushes, each round with a frame after it.
 
 pub mod cloth;
@@ -28,7 +28,9 @@ pub mod contact;
 pub mod elastic;
 mod factored;
 pub mod follow;
+mod history;
 pub mod hold;
+mod minimise;
 mod offsets;
 pub mod params;
 mod phases;
@@ -72,10 +74,12 @@ pub struct Input<'a> {
 pub struct Info {
     /// Frames simulated.
     pub frames: usize,
-    /// Time steps, those of the settling phase included.
+    /// Time steps that were to be solved to the tolerance, those of the settling phase included.
     pub steps: usize,
     /// Steps of the settling phase.
     pub settle_steps: usize,
+    /// Those of them that only approached rest and were not solved to the tolerance.
+    pub approach_steps: usize,
     /// Steps whose minimisation did not reach its tolerance.
     pub unconverged_steps: usize,
     /// Newton iterations.

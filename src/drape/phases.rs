@@ -15,8 +15,10 @@ const GROWTH: f64 = 2.0;
 const LONGEST_STEP: f64 = 1.0;
 /// Shortest settling step that is still shortened [s].
 const SHORTEST_STEP: f64 = 0.01;
-/// Share of its first residual at which a settling step's minimisation may end.
-const SETTLE_SHARE: f64 = 0.1;
+/// What a minimisation on the way to the longest step must promise, see [`Until::gain`].
+///
+/// [`Until::gain`]: super::minimise::Until::gain
+const APPROACH_GAIN: f64 = 2e-3;
 /// A step is halved at most this often before it is taken as it is.
 pub(super) const MOST_HALVINGS: u32 = 4;
 
@@ -68,10 +70,11 @@ fn untangle(
 ///
 /// Every step starts at rest, so that only where the cloth ends counts: implicit Euler is then
 /// pseudo-transient continuation [Kelley and Keyes 1998] towards static equilibrium. Steps grow
-/// while their minimisations succeed, and inertia fades with the square of their length. The
-/// minimisation of a step that is still growing ends at [`SETTLE_SHARE`] of the residual that it
-/// starts with, that of a longest one at the tolerance; a step that fails is repeated with a
-/// quarter of the length.
+/// while their minimisations succeed, and inertia fades with the square of their length.
+///
+/// Steps that still grow only *approach*: their minimisations end where little is left to gain
+/// ([`APPROACH_GAIN`]), and do not count as converged ones. That of a longest step ends at the
+/// tolerance. A step that fails is repeated with a quarter of the length.
 fn settle(
     simulation: &mut Simulation<'_>,
     params: &Params,
@@ -79,26 +82,33 @@ fn settle(
     progress: &mut Progress<'_>,
 ) -> Result<(), Error> {
     let mut h = FRAME;
+    let mut final_step = true;
     for i in 0..params.settle_steps {
         simulation.v.iter_mut().for_each(|v| *v = Vec3::zeros());
         if simulation.net_force() <= params.rest_tolerance {
-            break;
+            return Ok(());
         }
         let before = simulation.state();
-        let share = if h < LONGEST_STEP { SETTLE_SHARE } else { 0.0 };
-        let step = simulation.quasi_static(h, share)?;
+        let gain = if h < LONGEST_STEP { APPROACH_GAIN } else { 0.0 };
+        let step = simulation.quasi_static(h, gain)?;
         count(info, &step);
-        if !step.converged && h > SHORTEST_STEP {
+        if !step.converged && !step.approached && h > SHORTEST_STEP {
             simulation.restore(before);
             h *= 0.25;
             continue;
         }
-        record(info, &step);
         info.settle_steps += 1;
+        final_step = step.converged || !step.approached;
+        if final_step {
+            record(info, &step);
+        } else {
+            info.approach_steps += 1;
+        }
         h = (GROWTH * h).min(LONGEST_STEP);
         let share = (i + 1) as f64 / (params.settle_steps + 1) as f64;
         progress(&Moment { share, phase: "settle", simulation });
     }
+    info.converged &= final_step; // an approach that the limit cut short is no result
     Ok(())
 }
 

@@ -15,31 +15,21 @@ use super::contact::stencil::{Kind, Stencil};
 use super::contact::{Contact, pairs::Radii, pairs::Scene};
 use super::elastic::Elastic;
 use super::hold::ties::Hold;
+use super::minimise::{Problem, Until};
 use super::offsets::Offsets;
 use super::system::System;
 use super::{Error, Params};
 use crate::device::{Buffer, Device};
 use crate::model::Vec3;
-use crate::solve::cg::CgParams;
 
-/// Decrease that a step must bring, as a share of what the slope promises [Armijo 1966].
-const ARMIJO: f64 = 1e-4;
-/// Shortest share of a Newton step that is tried.
-const SHORTEST: f64 = 1e-7;
 /// Newton iterations of a push.
 const PUSH_ITERATIONS: usize = 8;
-/// Share of what is free that a stubborn problem moves by where nothing brings the objective down.
-const NUDGE: f64 = 0.25;
+/// Gain at which a relaxation ends, see [`Until::gain`]: time steps follow, so it is no result.
+const RELAXED: f64 = 1e-3;
 /// How many times more Newton iterations a quasi-static step may take: it moves farther.
 const QUASI_STATIC: usize = 4;
-/// Iterations that the quasi-Newton history remembers.
-const MEMORY: usize = 5;
-/// Residual, in mean node weights, from which on the history is kept.
-const NEAR: f64 = 1.0;
 /// Longest time for which [`Params::friction_speed`] gives a sticking distance [s]
 const MOST_STICKING: f64 = 0.1;
-/// Energies closer than this share of themselves are equal up to rounding.
-const ROUNDING: f64 = 1e-14;
 
 /// What a step achieved.
 #[derive(Clone, Copy, Debug, Default)]
@@ -52,6 +42,8 @@ pub struct StepInfo {
     pub residual: f64,
     /// Whether the residual reached the tolerance.
     pub converged: bool,
+    /// Whether it ended where little was left to gain, see [`Until::gain`].
+    pub approached: bool,
 }
 
 /// A cloth in motion.
@@ -61,7 +53,7 @@ pub struct Simulation<'a> {
     pub(super) elastic: Elastic,
     pub(super) system: System,
     /// No displacement: every linearisation is about a rebased reference.
-    rest: Buffer<f32>,
+    pub(super) rest: Buffer<f32>,
     pub(super) contact: Contact<'a>,
     pub(super) offsets: Offsets,
     pub(super) hold: Hold,
@@ -93,90 +85,6 @@ pub(super) struct State {
     lagged: Vec<Stencil>,
     moved: Vec<Vec3>,
     ring_forces: Vec<Vec3>,
-}
-
-/// What a step minimises over.
-struct Problem {
-    start: Vec<Vec3>,
-    target: Vec<Vec3>,
-    inertia: f64,
-    friction: Vec<Stencil>,
-    /// Whether moves are made that do not bring the objective down: springs of tangled pairs jump
-    /// where a pair changes sides, and a push must get past that.
-    stubborn: bool,
-}
-
-/// The objective and its gradient at one configuration.
-struct Here {
-    vertices: Vec<Vec3>,
-    points: Vec<Vec3>,
-    moved: Vec<Vec3>,
-    energy: f64,
-    gradient: Vec<Vec3>,
-    contacts: Contacts,
-    held: Vec<Stencil>,
-}
-
-/// Changes of position and gradient in a step's last iterations, for the two loops of L-BFGS
-/// [Nocedal and Wright 2006, alg. 7.4] around the Newton solve [Liu et al. 2017].
-///
-/// The projected matrix lacks the curvature that buckled cloth loses, which leaves Newton
-/// with a slow linear tail; the history puts it back.
-#[derive(Default)]
-struct History {
-    pairs: std::collections::VecDeque<(Vec<Vec3>, Vec<Vec3>, f64)>,
-}
-
-fn dot(a: &[Vec3], b: &[Vec3]) -> f64 {
-    a.iter().zip(b).map(|(a, b)| a.dot(b)).sum()
-}
-
-fn add(a: &mut [Vec3], b: &[Vec3], factor: f64) {
-    a.iter_mut().zip(b).for_each(|(a, b)| *a += b * factor);
-}
-
-impl History {
-    fn is_empty(&self) -> bool {
-        self.pairs.is_empty()
-    }
-
-    fn clear(&mut self) {
-        self.pairs.clear();
-    }
-
-    /// Remembers a step, if the curvature along it is positive.
-    fn push(&mut self, x0: &[Vec3], x1: &[Vec3], g0: &[Vec3], g1: &[Vec3]) {
-        let difference = |a: &[Vec3], b: &[Vec3]| a.iter().zip(b).map(|(a, b)| a - b).collect::<Vec<_>>();
-        let (s, y) = (difference(x1, x0), difference(g1, g0));
-        let curvature = dot(&s, &y);
-        if curvature > 1e-10 * dot(&s, &s).sqrt() * dot(&y, &y).sqrt() {
-            self.pairs.push_back((s, y, curvature));
-            if self.pairs.len() > MEMORY {
-                self.pairs.pop_front();
-            }
-        } else {
-            self.clear();
-        }
-    }
-
-    /// The gradient to solve with, and the weights that [`History::after`] needs.
-    fn before(&self, mut gradient: Vec<Vec3>) -> (Vec<Vec3>, Vec<f64>) {
-        let mut weights = vec![0.0; self.pairs.len()];
-        for (i, (s, y, curvature)) in self.pairs.iter().enumerate().rev() {
-            weights[i] = dot(s, &gradient) / curvature;
-            add(&mut gradient, y, -weights[i]);
-        }
-        (gradient, weights)
-    }
-
-    /// The direction from the solve's.
-    fn after(&self, mut direction: Vec<Vec3>, weights: &[f64]) -> Vec<Vec3> {
-        for ((s, y, curvature), w) in self.pairs.iter().zip(weights) {
-            let b = dot(y, &direction) / curvature;
-            add(&mut direction, s, -(w + b));
-        }
-        direction
-    }
 }
 
 /// The parts that a simulation is made of.
@@ -240,7 +148,12 @@ impl<'a> Simulation<'a> {
 
     /// Contact points where the nodes are now.
     pub fn points(&self) -> Vec<Vec3> {
-        self.contact.scene.sheet.points(&self.offsets.vertices(&self.x))
+        self.contact_points(&self.x)
+    }
+
+    /// Contact points where the nodes are at `x`.
+    pub(super) fn contact_points(&self, x: &[Vec3]) -> Vec<Vec3> {
+        self.contact.scene.sheet.points(&self.offsets.vertices(x))
     }
 
     /// Mean weight of a node [N] (with standard gravity where there is none).
@@ -263,7 +176,6 @@ impl<'a> Simulation<'a> {
             target: self.x.clone(),
             inertia: 0.0,
             friction: self.lagged.clone(),
-            stubborn: false,
         };
         let here = self.evaluate(&self.x, &still);
         let net: Vec<Vec3> = (0..self.x.len()).map(|i| here.gradient[i] - self.outer_force(i)).collect();
@@ -275,22 +187,26 @@ impl<'a> Simulation<'a> {
     /// Where the minimisation does not reach its tolerance the step is still made, and the
     /// result says so.
     pub(super) fn step(&mut self, h: f64, damping: f64) -> Result<StepInfo, Error> {
-        self.advance(&self.x.clone(), h, damping, 0.0)
+        self.advance(&self.x.clone(), h, damping, self.to_tolerance())
     }
 
     /// As [`Simulation::step`] for cloth that was at `before` at the step's start and that moving
     /// colliders have carried to where it is: its inertia counts from `before`, slip from here.
     pub(super) fn step_from(&mut self, before: &[Vec3], h: f64, damping: f64) -> Result<StepInfo, Error> {
-        self.advance(before, h, damping, 0.0)
+        self.advance(before, h, damping, self.to_tolerance())
     }
 
-    /// A step of `h` seconds towards rest, in which all velocity is lost; the minimisation may
-    /// also end where the residual has fallen to the share `relative` of what it starts with.
-    pub(super) fn quasi_static(&mut self, h: f64, relative: f64) -> Result<StepInfo, Error> {
-        self.advance(&self.x.clone(), h, 1.0, relative)
+    /// A step of `h` seconds towards rest, in which all velocity is lost; see [`Until::gain`].
+    pub(super) fn quasi_static(&mut self, h: f64, gain: f64) -> Result<StepInfo, Error> {
+        let most = QUASI_STATIC * self.params.max_newton;
+        self.advance(&self.x.clone(), h, 1.0, Until { most, gain, remembers: false, stubborn: false })
     }
 
-    fn advance(&mut self, before: &[Vec3], h: f64, damping: f64, relative: f64) -> Result<StepInfo, Error> {
+    fn to_tolerance(&self) -> Until {
+        Until { most: self.params.max_newton, gain: 0.0, remembers: true, stubborn: false }
+    }
+
+    fn advance(&mut self, before: &[Vec3], h: f64, damping: f64, until: Until) -> Result<StepInfo, Error> {
         self.offsets.turn(&self.x);
         let points = self.points();
         if !self.contact.tangles().is_clean() {
@@ -308,10 +224,8 @@ impl<'a> Simulation<'a> {
             })
             .collect();
         let friction = self.lag_friction(&contacts, h);
-        let problem =
-            Problem { start: self.x.clone(), target, inertia: 1.0 / (h * h), friction, stubborn: false };
-        let most = if damping < 1.0 { self.params.max_newton } else { QUASI_STATIC * self.params.max_newton };
-        let (x, info) = self.minimise(&problem, most, relative)?;
+        let problem = Problem { start: self.x.clone(), target, inertia: 1.0 / (h * h), friction };
+        let (x, info) = self.minimise(&problem, until)?;
         self.moved = x.iter().zip(&self.x).map(|(x, s)| x - s).collect();
         self.v = x.iter().zip(before).map(|(x, b)| (x - b) * ((1.0 - damping) / h)).collect();
         self.x = x;
@@ -357,14 +271,14 @@ impl<'a> Simulation<'a> {
     pub(super) fn push(&mut self, h: f64) -> Result<StepInfo, Error> {
         self.offsets.turn(&self.x);
         self.contact.refresh(&self.points(), f64::INFINITY);
-        self.at_rest(h, PUSH_ITERATIONS, true)
+        self.at_rest(h, Until { most: PUSH_ITERATIONS, stubborn: true, ..self.to_tolerance() })
     }
 
     /// An iteration towards the aims of points inside of solids, nothing else in the way.
     pub(super) fn draw(&mut self, h: f64) -> Result<StepInfo, Error> {
         self.offsets.turn(&self.x);
         self.contact.let_through(&self.points());
-        self.at_rest(h, 1, false)
+        self.at_rest(h, Until { most: 1, ..self.to_tolerance() })
     }
 
     /// Over the folds of lower layers that the cloth passes through; `None` where there are none.
@@ -373,159 +287,24 @@ impl<'a> Simulation<'a> {
         if !self.contact.lift(&self.points()) {
             return Ok(None);
         }
-        self.at_rest(h, self.params.max_newton, false).map(Some)
+        self.at_rest(h, self.to_tolerance()).map(Some)
     }
 
-    /// The equilibrium without gravity and friction, from rest.
+    /// Towards the equilibrium without gravity and friction, from rest.
     pub(super) fn relax(&mut self, h: f64) -> Result<StepInfo, Error> {
         self.offsets.turn(&self.x);
         self.contact.refresh(&self.points(), f64::INFINITY);
-        self.at_rest(h, self.params.max_newton, false)
+        self.at_rest(h, Until { gain: RELAXED, remembers: false, ..self.to_tolerance() })
     }
 
-    /// Minimises from rest, in at most so many iterations; leaves the cloth at rest.
-    fn at_rest(&mut self, h: f64, most: usize, stubborn: bool) -> Result<StepInfo, Error> {
+    /// Minimises from rest; leaves the cloth at rest.
+    fn at_rest(&mut self, h: f64, until: Until) -> Result<StepInfo, Error> {
         let (start, target) = (self.x.clone(), self.x.clone());
-        let problem = Problem { start, target, inertia: 1.0 / (h * h), friction: Vec::new(), stubborn };
-        let (x, info) = self.minimise(&problem, most, 0.0)?;
+        let problem = Problem { start, target, inertia: 1.0 / (h * h), friction: Vec::new() };
+        let (x, info) = self.minimise(&problem, until)?;
         self.x = x;
         self.v.iter_mut().for_each(|v| *v = Vec3::zeros());
         Ok(info)
-    }
-
-    fn minimise(
-        &mut self,
-        problem: &Problem,
-        most: usize,
-        relative: f64,
-    ) -> Result<(Vec<Vec3>, StepInfo), Error> {
-        let mut x = self.x.clone();
-        let mut here = self.evaluate(&x, problem);
-        let tolerance = self.params.tolerance.max(relative * self.residual(&here.gradient));
-        let mut info = StepInfo::default();
-        let mut history = History::default();
-        loop {
-            info.residual = self.residual(&here.gradient);
-            info.converged = info.residual <= tolerance;
-            if info.converged || info.newton >= most {
-                return Ok((x, info));
-            }
-            let mut direction = self.direction(&here, problem, &history, &mut info)?;
-            let mut slope = dot(&direction, &here.gradient);
-            if slope >= 0.0 && !history.is_empty() {
-                history.clear();
-                direction = self.direction(&here, problem, &history, &mut info)?;
-                slope = dot(&direction, &here.gradient);
-            }
-            let length = direction.iter().map(Vec3::norm).fold(0.0, f64::max);
-            if !length.is_finite() || slope >= 0.0 {
-                return Ok((x, info)); // no descent in f32: as good as it gets
-            }
-            let (searched, longest) = self.contact.refresh(&here.points, length);
-            if searched {
-                here.contacts = self.contact.contacts(&here.points);
-            }
-            if length > longest {
-                direction.iter_mut().for_each(|d| *d *= longest / length);
-                slope *= longest / length;
-            }
-            let Some((next, there)) = self.search(&x, &here, &direction, slope, problem) else {
-                return Ok((x, info));
-            };
-            if info.residual < NEAR {
-                history.push(&x, &next, &here.gradient, &there.gradient);
-            } else {
-                history.clear();
-            }
-            (x, here) = (next, there);
-            info.newton += 1;
-        }
-    }
-
-    /// Solves for the Newton direction at `here`.
-    fn direction(
-        &mut self,
-        here: &Here,
-        problem: &Problem,
-        history: &History,
-        info: &mut StepInfo,
-    ) -> Result<Vec<Vec3>, Error> {
-        self.elastic.rebase(self.device, &here.vertices)?;
-        self.elastic.linearise(self.device, &self.rest)?;
-        let stencils = [&here.contacts.stencils[..], &here.held[..], &problem.friction[..]].concat();
-        let cg = CgParams { tolerance: self.params.cg_tolerance, max_iterations: self.params.max_cg };
-        let (gradient, weights) = history.before(here.gradient.clone());
-        let (direction, solved) = self.system.direction(
-            self.device,
-            self.elastic.hessian(),
-            &stencils,
-            &here.moved,
-            problem.inertia,
-            &gradient,
-            &cg,
-        )?;
-        info.cg += solved.iterations;
-        Ok(history.after(direction, &weights))
-    }
-
-    /// Backtracks along `direction` until the objective falls; a stubborn problem moves anyway.
-    fn search(
-        &self,
-        x: &[Vec3],
-        here: &Here,
-        direction: &[Vec3],
-        slope: f64,
-        problem: &Problem,
-    ) -> Option<(Vec<Vec3>, Here)> {
-        let sheet = &self.contact.scene.sheet;
-        let by_point: Vec<Vec3> = sheet.node.iter().map(|&n| direction[n as usize]).collect();
-        let free = self.contact.free_share(&here.points, &by_point, &here.contacts);
-        let mut share = free;
-        while share > SHORTEST {
-            let next: Vec<Vec3> = x.iter().zip(direction).map(|(x, d)| x + d * share).collect();
-            let there = self.evaluate(&next, problem);
-            let allowed = ROUNDING * (here.energy.abs() + there.energy.abs());
-            if there.energy <= here.energy + ARMIJO * share * slope + allowed {
-                return Some((next, there));
-            }
-            share *= 0.5;
-        }
-        if !problem.stubborn {
-            return None;
-        }
-        let next: Vec<Vec3> = x.iter().zip(direction).map(|(x, d)| x + d * (NUDGE * free)).collect();
-        let there = self.evaluate(&next, problem);
-        Some((next, there))
-    }
-
-    fn evaluate(&self, x: &[Vec3], problem: &Problem) -> Here {
-        let vertices = self.offsets.vertices(x);
-        let points = self.contact.scene.sheet.points(&vertices);
-        let moved: Vec<Vec3> = x.iter().zip(&problem.start).map(|(x, s)| x - s).collect();
-        let (mut energy, mut gradient) = self.elastic.judge(&vertices);
-        for i in 0..x.len() {
-            let m = self.masses[i] * problem.inertia;
-            let d = x[i] - problem.target[i];
-            energy += 0.5 * m * d.norm_squared();
-            gradient[i] += d * m;
-        }
-        let contacts = self.contact.contacts(&points);
-        let held = self.hold.stencils(x);
-        for stencil in contacts.stencils.iter().chain(&held).chain(&problem.friction) {
-            let (e, f) = stencil.evaluate(&moved);
-            energy += e;
-            for k in 0..4 {
-                gradient[stencil.nodes[k] as usize] += f * stencil.weights[k];
-            }
-        }
-        Here { vertices, points, moved, energy, gradient, contacts, held }
-    }
-
-    /// Largest force on a free node over the mean node weight.
-    fn residual(&self, gradient: &[Vec3]) -> f64 {
-        let free = gradient.iter().zip(&self.pinned).filter(|(_, pinned)| !**pinned);
-        let worst = free.map(|(g, _)| g.norm()).fold(0.0, |a: f64, b| if b.is_nan() { b } else { a.max(b) });
-        worst / self.node_weight()
     }
 
     /// Friction stencils from the contacts at the start of a step.

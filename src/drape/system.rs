@@ -2,6 +2,7 @@
 
 use super::contact::operator::Stencils;
 use super::contact::stencil::Stencil;
+use super::elastic::Elastic;
 use super::factored::Factored;
 use crate::device::{Buffer, Device, DeviceError};
 use crate::model::Vec3;
@@ -63,8 +64,8 @@ impl System {
         })
     }
 
-    /// The Newton direction `-H^-1 gradient` [m]; `inertia` is 1/h^2 [1/s^2], `moved` the
-    /// displacements since the start of the step [m].
+    /// The Newton direction `-H^-1 gradient` [m] where the vertices are and `elastic` is linearised;
+    /// `inertia` is 1/h^2 [1/s^2], `moved` the displacements since the start of the step [m].
     ///
     /// # Errors
     /// A device's failure.
@@ -72,7 +73,7 @@ impl System {
     pub fn direction(
         &mut self,
         device: &Device,
-        elastic: &Bsr,
+        (elastic, vertices): (&Elastic, &[Vec3]),
         list: &[Stencil],
         moved: &[Vec3],
         inertia: f64,
@@ -89,7 +90,8 @@ impl System {
         let mut spent = 0;
         if inertia > self.factor_below {
             let short = CgParams { max_iterations: params.max_iterations.min(worth), ..*params };
-            let found = self.jacobi(device, elastic, &stencils, inertia, (gradient, scale), &short)?;
+            let found =
+                self.jacobi(device, elastic.hessian(), &stencils, inertia, (gradient, scale), &short)?;
             if found.1.converged || params.max_iterations <= worth {
                 return Ok(found);
             }
@@ -98,10 +100,17 @@ impl System {
         }
         let second = stencils.second_derivatives(device)?;
         let weights: Vec<f64> = self.masses.iter().map(|m| m * inertia).collect();
-        let found = self.factored.direction(device, elastic, (list, &second), &weights, gradient, params)?;
+        let found = self.factored.direction(
+            device,
+            (elastic, vertices),
+            (list, &second),
+            &weights,
+            gradient,
+            params,
+        )?;
         let (direction, mut info) = match found {
             Some(found) => found,
-            None => self.jacobi(device, elastic, &stencils, inertia, (gradient, scale), params)?,
+            None => self.jacobi(device, elastic.hessian(), &stencils, inertia, (gradient, scale), params)?,
         };
         info.iterations += spent;
         Ok((direction, info))

@@ -4,10 +4,10 @@
 //! sparsity then costs a numeric factorisation (faer, supernodal). Conjugate gradients use a
 //! factor as preconditioner where a few couplings of the matrix lie outside of the sparsity.
 
-use faer::linalg::solvers::SolveCore;
-use faer::sparse::linalg::solvers::{Llt, SymbolicLlt};
-use faer::sparse::{SparseColMat, SymbolicSparseColMat};
-use faer::{Conj, MatMut, Side};
+use faer::dyn_stack::{MemBuffer, MemStack};
+use faer::sparse::linalg::cholesky::{LltRef, SymbolicCholesky, factorize_symbolic_cholesky};
+use faer::sparse::{SparseColMatRef, SymbolicSparseColMat};
+use faer::{Conj, MatMut, Side, get_global_parallelism};
 
 use super::cholesky::CholeskyError;
 use crate::model::Vec3;
@@ -24,7 +24,22 @@ pub struct BlockPattern {
     /// The scalar lower triangle, and which number of which block each entry is.
     lower: SymbolicSparseColMat<usize>,
     source: Vec<(u32, u8)>,
-    order: SymbolicLlt<usize>,
+    order: SymbolicCholesky<usize>,
+}
+
+/// `A = L L^T` of a matrix with some [`BlockPattern`], with memory that its next factor uses again:
+/// at this size the system would map and clear it anew each time.
+#[derive(Default)]
+pub struct BlockFactor {
+    values: Vec<f64>,
+    factor: Vec<f64>,
+    scratch: Option<MemBuffer>,
+}
+
+impl std::fmt::Debug for BlockFactor {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "BlockFactor({} numbers)", self.factor.len())
+    }
 }
 
 impl std::fmt::Debug for BlockPattern {
@@ -60,7 +75,8 @@ impl BlockPattern {
         let structure = |reason: String| CholeskyError::Structure { size, reason };
         let lower = SymbolicSparseColMat::new_checked(size, size, starts, None, indices);
         let order =
-            SymbolicLlt::try_new(lower.as_ref(), Side::Lower).map_err(|e| structure(format!("{e:?}")))?;
+            factorize_symbolic_cholesky(lower.as_ref(), Side::Lower, Default::default(), Default::default())
+                .map_err(|e| structure(format!("{e:?}")))?;
         Ok(BlockPattern { row_start: row_start.to_vec(), columns: columns.to_vec(), lower, source, order })
     }
 
@@ -76,17 +92,42 @@ impl BlockPattern {
         self.columns[first..last].binary_search(&column).ok().map(|k| first + k)
     }
 
-    /// Factors the matrix with these blocks, shape `[blocks]`.
+    /// Factors the matrix with these blocks, shape `[blocks]`, into `factor`.
     ///
     /// # Errors
-    /// [`CholeskyError::NotPositive`]: it is not positive definite, or not finite.
-    pub fn factor(&self, blocks: &[Block]) -> Result<BlockFactor, CholeskyError> {
+    /// [`CholeskyError::NotPositive`]: it is not positive definite, or not finite; `factor` is
+    /// undefined then.
+    pub fn factor(&self, blocks: &[Block], factor: &mut BlockFactor) -> Result<(), CholeskyError> {
         let size = 3 * self.rows();
-        let values = self.source.iter().map(|&(k, at)| blocks[k as usize][at as usize]).collect();
-        let matrix = SparseColMat::new(self.lower.clone(), values);
-        let factor = Llt::try_new_with_symbolic(self.order.clone(), matrix.as_ref(), Side::Lower)
-            .map_err(|e| CholeskyError::NotPositive { size, reason: format!("{e:?}") })?;
-        Ok(BlockFactor { factor })
+        factor.values.clear();
+        factor.values.extend(self.source.iter().map(|&(k, at)| blocks[k as usize][at as usize]));
+        factor.factor.resize(self.order.len_val(), 0.0);
+        let parallel = get_global_parallelism();
+        let needed = self.order.factorize_numeric_llt_scratch::<f64>(parallel, Default::default());
+        let done = self.order.factorize_numeric_llt(
+            &mut factor.factor,
+            SparseColMatRef::new(self.lower.as_ref(), &factor.values),
+            Side::Lower,
+            Default::default(),
+            parallel,
+            MemStack::new(factor.scratch.get_or_insert_with(|| MemBuffer::new(needed))),
+            Default::default(),
+        );
+        done.map(|_| ()).map_err(|e| CholeskyError::NotPositive { size, reason: format!("{e:?}") })
+    }
+
+    /// The solution of `A x = b` with the matrix that was factored last into `factor`.
+    pub fn solve(&self, factor: &mut BlockFactor, b: &[Vec3]) -> Vec<Vec3> {
+        let mut x: Vec<f64> = b.iter().flat_map(|v| [v.x, v.y, v.z]).collect();
+        let (count, parallel) = (x.len(), get_global_parallelism());
+        let needed = self.order.solve_in_place_scratch::<f64>(1, parallel);
+        LltRef::new(&self.order, &factor.factor).solve_in_place_with_conj(
+            Conj::No,
+            MatMut::from_column_major_slice_mut(&mut x, count, 1),
+            parallel,
+            MemStack::new(&mut MemBuffer::new(needed)),
+        );
+        x.chunks(3).map(|c| Vec3::new(c[0], c[1], c[2])).collect()
     }
 
     /// Adds the matrix with these blocks, times `x`, to `y`.
@@ -106,21 +147,6 @@ pub fn product(b: &Block, v: &Vec3) -> Vec3 {
         b[3] * v.x + b[4] * v.y + b[5] * v.z,
         b[6] * v.x + b[7] * v.y + b[8] * v.z,
     )
-}
-
-/// `A = L L^T` of a block matrix.
-pub struct BlockFactor {
-    factor: Llt<usize, f64>,
-}
-
-impl BlockFactor {
-    /// The solution of `A x = b`.
-    pub fn solve(&self, b: &[Vec3]) -> Vec<Vec3> {
-        let mut x: Vec<f64> = b.iter().flat_map(|v| [v.x, v.y, v.z]).collect();
-        let count = x.len();
-        self.factor.solve_in_place_with_conj(Conj::No, MatMut::from_column_major_slice_mut(&mut x, count, 1));
-        x.chunks(3).map(|c| Vec3::new(c[0], c[1], c[2])).collect()
-    }
 }
 
 #[cfg(test)]
@@ -156,12 +182,14 @@ mod tests {
             (0..n).map(|i| Vec3::new(f64::from(i).sin(), 1.0, f64::from(i * i).cos())).collect();
         let mut right = vec![Vec3::zeros(); n as usize];
         pattern.add_product(&blocks, &x, &mut right);
-        let solved = pattern.factor(&blocks).unwrap().solve(&right);
+        let mut factor = BlockFactor::default();
+        pattern.factor(&blocks, &mut factor).unwrap();
+        let solved = pattern.solve(&mut factor, &right);
         for (a, b) in solved.iter().zip(&x) {
             assert!((a - b).norm() < 1e-9, "{a} {b}");
         }
         assert!(pattern.slot(0, 9).is_none());
         blocks[0] = [-1.0; 9];
-        assert!(matches!(pattern.factor(&blocks), Err(CholeskyError::NotPositive { .. })));
+        assert!(matches!(pattern.factor(&blocks, &mut factor), Err(CholeskyError::NotPositive { .. })));
     }
 }

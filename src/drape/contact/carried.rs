@@ -7,10 +7,10 @@
 
 use rayon::prelude::*;
 
+use super::Contact;
 use super::ccd;
 use super::fixed::Fixed;
-use super::pairs::{Mode, Pair, Role};
-use super::{Contact, MARGIN};
+use super::pairs::{Beyond, Mode, Pair, Role};
 use crate::model::Vec3;
 
 /// Least distance at which pairs are looked for, beyond what moves can bridge [m].
@@ -22,8 +22,8 @@ impl<'a> Contact<'a> {
     pub fn carried_share(&self, x: &[Vec3], dx: &[Vec3], moves: &[Vec<Vec3>]) -> f64 {
         let longest = |list: &[Vec3]| list.iter().map(Vec3::norm_squared).fold(0.0, f64::max).sqrt();
         let colliders = moves.iter().map(|m| longest(m)).fold(0.0, f64::max);
-        let reach = longest(dx) + longest(dx).max(colliders) + REACH;
-        let pairs = self.scene.pairs(x, &self.radii, reach, &self.tangles);
+        let beyond = Beyond { collider: longest(dx) + colliders + REACH, own: 2.0 * longest(dx) + REACH };
+        let pairs = self.scene.pairs(x, &self.radii, beyond, &self.tangles);
         let share = |pair: &Pair| {
             if !matches!(pair.mode, Mode::Clean) {
                 return 1.0;
@@ -78,4 +78,4 @@ impl<'a> Contact<'a> {
 
 /// A joint move longer than this is better made in parts [m]: the pairs that it can bring
 /// together grow with its square.
-pub const LONGEST_MOVE: f64 = 2.0 * MARGIN;
+pub const LONGEST_MOVE: f64 = 0.012;

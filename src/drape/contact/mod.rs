@@ -26,6 +26,7 @@ pub mod contour;
 pub mod crossing;
 pub mod distance;
 pub mod fixed;
+mod kernels;
 mod lift;
 pub mod narrow;
 pub mod operator;
@@ -33,6 +34,7 @@ pub mod pairs;
 pub mod regions;
 pub mod sheet;
 pub mod stencil;
+mod swept;
 pub mod tree;
 
 use rayon::prelude::*;
@@ -40,19 +42,24 @@ use rayon::prelude::*;
 use aim::Aim;
 use crossing::Tangles;
 use narrow::Contacts;
-use pairs::{Mode, Pair, Radii, Scene};
+use pairs::{Beyond, Mode, Pair, Radii, Scene};
 
 use crate::device::Kernel;
 use crate::model::Vec3;
 
 /// All kernels of this module, for the tests that validate WGSL.
-pub const KERNELS: &[&Kernel] = operator::KERNELS;
+pub const KERNELS: &[&Kernel] = kernels::KERNELS;
 
-/// Pairs this much farther apart than their radius are found by the broad phase [m].
-const MARGIN: f64 = 6e-3;
+/// How far a contact point may move before pairs are searched again [m].
+const BUDGET: f64 = 2e-3;
+/// The same while anything is tangled: springs find what is this much farther away than a radius.
+const TANGLED_BUDGET: f64 = 3e-3;
 
-/// Longest move where nothing is in the way [m].
-const LONGEST_DRAW: f64 = 0.05;
+/// A move longer than what is left by less is none longer [m].
+const ROUNDING: f64 = 1e-12;
+
+/// Longest move in an iteration [m].
+const LONGEST: f64 = 0.05;
 
 /// What the cloth may pass through.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -140,8 +147,9 @@ impl<'a> Contact<'a> {
     }
 
     fn build(&mut self, x: &[Vec3]) {
-        let largest = self.radii.collider.iter().copied().fold(self.radii.own, f64::max);
-        self.pairs = self.scene.pairs(x, &self.radii, largest + MARGIN, &self.tangles);
+        let sides = if self.tangles.is_clean() { 1.0 } else { 2.0 };
+        let beyond = Beyond { collider: sides * self.budget(), own: 2.0 * self.budget() };
+        self.pairs = self.scene.pairs(x, &self.radii, beyond, &self.tangles);
         if self.passing == Passing::Layers {
             let colliders = &self.scene.colliders;
             self.pairs.retain(|p| p.role.is_own() || colliders[p.collider as usize].solid);
@@ -154,19 +162,36 @@ impl<'a> Contact<'a> {
         x.iter().zip(&self.built_at).map(|(x, b)| (x - b).norm_squared()).fold(0.0, f64::max).sqrt()
     }
 
+    fn budget(&self) -> f64 {
+        if self.tangles.is_clean() { BUDGET } else { TANGLED_BUDGET }
+    }
+
     /// Searches pairs again if a move of `wanted` [m] is longer than what is left of the budget of
-    /// moves; returns whether it did and the longest move that the pairs allow now [m].
+    /// moves and a search would help; returns whether it did and the longest move allowed now [m].
+    ///
+    /// Moves of clean cloth may be longer than the pairs reach ([`Contact::free_share`] looks at
+    /// all that is on their way); [`Contact::keep_up`] then has to follow.
     pub fn refresh(&mut self, x: &[Vec3], wanted: f64) -> (bool, f64) {
         if self.passing == Passing::All {
-            return (false, LONGEST_DRAW);
+            return (false, LONGEST);
         }
-        let left = 0.5 * MARGIN - self.moved(x);
+        let budget = self.budget();
+        let left = budget - self.moved(x);
         // What a search would add must be worth it.
-        if left >= wanted.min(0.4 * MARGIN) {
-            return (false, left);
+        let enough = left >= wanted.min(0.8 * budget);
+        let long = wanted > budget && wanted.is_finite() && self.tangles.is_clean();
+        if enough || long {
+            return (false, if long { LONGEST } else { left });
         }
         self.build(x);
-        (true, 0.5 * MARGIN)
+        (true, budget)
+    }
+
+    /// Searches pairs again at `x` if it is farther away than their budget.
+    pub fn keep_up(&mut self, x: &[Vec3]) {
+        if self.passing != Passing::All && self.moved(x) > self.budget() {
+            self.build(x);
+        }
     }
 
     /// The contacts at `x`.
@@ -181,21 +206,15 @@ impl<'a> Contact<'a> {
 
     /// The share of the move `dx` (at most 1) that no clean pair forbids.
     pub fn free_share(&self, x: &[Vec3], dx: &[Vec3], contacts: &Contacts) -> f64 {
-        let longest_of_all = dx.iter().map(Vec3::norm_squared).fold(0.0, f64::max).sqrt();
+        let longest = dx.iter().map(Vec3::norm_squared).fold(0.0, f64::max).sqrt();
+        if self.passing != Passing::All && longest > self.budget() - self.moved(x) + ROUNDING {
+            return self.scene.swept_share(x, dx);
+        }
         let share = |(pair, &d): (&Pair, &f64)| {
-            if !matches!(pair.mode, Mode::Clean) {
+            if !matches!(pair.mode, Mode::Clean) || 2.0 * longest < 0.9 * d {
                 return 1.0;
             }
-            if 2.0 * longest_of_all < 0.9 * d {
-                return 1.0;
-            }
-            let (corners, ids) = self.scene.corners(pair, x);
-            let moves = ids.map(|i| dx.get(i as usize).copied().unwrap_or_else(Vec3::zeros));
-            let longest = moves.iter().map(Vec3::norm).fold(0.0, f64::max);
-            if 2.0 * longest < 0.9 * d {
-                return 1.0;
-            }
-            ccd::free_share(pair.role.shape(), corners, moves, 1.0)
+            self.scene.free_share(pair, x, dx)
         };
         self.pairs.par_iter().zip(&contacts.distances).map(share).reduce(|| 1.0, f64::min)
     }

@@ -124,14 +124,14 @@ impl Scene<'_> {
         }
     }
 
-    /// All pairs closer than `reach`, in a fixed order.
-    pub fn pairs(&self, x: &[Vec3], radii: &Radii, reach: f64, tangles: &Tangles) -> Vec<Pair> {
+    /// All pairs that are no farther apart than `beyond` their radius, in a fixed order.
+    pub fn pairs(&self, x: &[Vec3], radii: &Radii, beyond: Beyond, tangles: &Tangles) -> Vec<Pair> {
         let mut pairs = Vec::new();
         let least = if tangles.is_clean() { 0.0 } else { TOUCHING };
-        for c in 0..self.colliders.len() {
-            pairs.extend(self.on_collider(c, x, radii.collider[c], reach, tangles));
+        for (c, radius) in radii.collider.iter().enumerate() {
+            pairs.extend(self.on_collider(c, x, *radius, radius + beyond.collider, tangles));
         }
-        pairs.extend(self.own(x, radii.own, reach, tangles));
+        pairs.extend(self.own(x, radii.own, radii.own + beyond.own, tangles));
         pairs.retain(|pair| pair.found_at >= least || !matches!(pair.mode, Mode::Clean));
         pairs
     }
@@ -198,6 +198,9 @@ impl Scene<'_> {
             let (source, _) = self.corners(&pair, &sheet.source);
             let gap = role.shape().gap(&source);
             pair.radius = radius.min(SOURCE_SHARE * gap.norm());
+            if pair.found_at > pair.radius + (reach - radius) {
+                return None;
+            }
             let near = gap.norm() < SIDE_REACH;
             if tangled.contains(&(role, a, b)) {
                 let sign = if near { orientation(role, &source, &gap).signum() } else { 0.0 };
@@ -277,6 +280,15 @@ pub struct Radii {
     /// For each collider.
     pub collider: Vec<f64>,
     /// Between parts of the garment.
+    pub own: f64,
+}
+
+/// How much farther apart than their radius pairs are looked for [m].
+#[derive(Clone, Copy, Debug)]
+pub struct Beyond {
+    /// Pairs with a collider.
+    pub collider: f64,
+    /// Pairs of the garment's own.
     pub own: f64,
 }
 

@@ -20,7 +20,9 @@
 //! without bound where a triangle collapses, so the squared norms are kept above a floor:
 //! it is exact as long as no triangle has lost [`COLLAPSED`] of its rest size.
 
-use nalgebra::{RealField, Vector3};
+use nalgebra::{Matrix3, RealField, Vector3};
+
+use crate::model::Vec3;
 
 /// Part of its rest length or area below which an edge or a triangle counts as collapsed.
 pub const COLLAPSED: f64 = 1e-3;
@@ -72,4 +74,38 @@ pub fn gradient<T: RealField + Copy>(
     let x1 = -(x2 * along_a + x3 * along_b);
     let x0 = -(x2 * (one - along_a) + x3 * (one - along_b));
     [x0, x1, x2, x3]
+}
+
+/// The second derivatives of [`angle`] in the points `x0`..`x3` [rad/m^2], blocks of rows and
+/// columns [Tamstorf and Grinspun 2013]; floors as in [`gradient`].
+pub fn hessian(rest: &HingeRest<f64>, e: &Vec3, a: &Vec3, b: &Vec3) -> [[Matrix3<f64>; 4]; 4] {
+    let square = e.norm_squared().max(rest.floor_edge);
+    // Derivatives of the gradients in x2 and x3 and of where they project, by (e, a, b).
+    let zero = Matrix3::zeros();
+    let (g2, [by_e2, by_a]) = far_gradient(e, a, square, rest.floor_normal[0]);
+    let (g3, [by_e3, by_b]) = far_gradient(e, b, square, rest.floor_normal[1]);
+    let (x2, x3) = ([by_e2, by_a, zero], [-by_e3, zero, -by_b]);
+    let g3 = -g3;
+    let (along_a, along_b) = (a.dot(e) / square, b.dot(e) / square);
+    let slide = |p: &Vec3, along: f64| (p - e * (2.0 * along)) / square;
+    let onto = e / square;
+    let x1 = [
+        -(x2[0] * along_a + x3[0] * along_b)
+            - g2 * slide(a, along_a).transpose()
+            - g3 * slide(b, along_b).transpose(),
+        -x2[1] * along_a - g2 * onto.transpose(),
+        -x3[2] * along_b - g3 * onto.transpose(),
+    ];
+    let x0: [Matrix3<f64>; 3] = std::array::from_fn(|k| -(x1[k] + x2[k] + x3[k]));
+    // e moves with x1, a with x2, b with x3, and all against x0.
+    [x0, x1, x2, x3].map(|row| [-(row[0] + row[1] + row[2]), row[0], row[1], row[2]])
+}
+
+/// `|e| n / |n|^2` with `n = e x p`, and its derivatives in `e` and `p`.
+fn far_gradient(e: &Vec3, p: &Vec3, square: f64, floor: f64) -> (Vec3, [Matrix3<f64>; 2]) {
+    let (n, length) = (e.cross(p), square.sqrt());
+    let q = n.norm_squared().max(floor);
+    let mirrored = (Matrix3::identity() - n * n.transpose() * (2.0 / q)) * (length / q);
+    let by_e = n * e.transpose() / (length * q) - mirrored * p.cross_matrix();
+    (n * (length / q), [by_e, mirrored * e.cross_matrix()])
 }

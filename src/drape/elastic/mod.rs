@@ -30,6 +30,7 @@ pub mod gather;
 pub mod hinge;
 mod judge;
 pub mod membrane;
+mod soften;
 pub mod stretch;
 #[cfg(test)]
 pub(crate) mod tests;

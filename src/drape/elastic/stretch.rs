@@ -28,6 +28,9 @@
 
 use nalgebra::{Matrix3, RealField, Vector3};
 
+/// Columns count as this long at least where their curvature across grows without bound.
+const SHORTEST: f64 = 0.1;
+
 /// Constants of a triangle.
 #[derive(Clone, Copy, Debug)]
 pub struct StretchRest<T> {
@@ -158,4 +161,24 @@ pub fn hessian<T: RealField + Copy>(rest: &StretchRest<T>, s: &Stretch<T>) -> St
     ww += qw * qw.transpose() * scale + twice * sign;
     ff += qf * qf.transpose() * scale + twice * sign;
     [ww, qw * qf.transpose() * scale + twice, ff]
+}
+
+/// What [`hessian`] drops: the second derivatives less it, negative semi-definite [N m].
+pub fn dropped<T: RealField + Copy>(rest: &StretchRest<T>, s: &Stretch<T>) -> StretchHessian<T> {
+    let one = T::one();
+    let shortest: T = nalgebra::convert(SHORTEST);
+    let [ww, ff] = [0, 1].map(|k| {
+        let (n, length) = direction(&s.columns[k]);
+        let across = (one - one / length.max(shortest)).min(T::zero());
+        (Matrix3::identity() - n * n.transpose()) * (across * rest.stiffness[k])
+    });
+    let ([w, f], k) = (s.columns, rest.stiffness[2]);
+    let shear = StretchRest { stiffness: [T::zero(), T::zero(), k], ..*rest };
+    let [kept_ww, kept_wf, kept_ff] = hessian(&shear, s);
+    let exchange = Matrix3::identity() * s.strain[2];
+    [
+        ww + f * f.transpose() * k - kept_ww,
+        (f * w.transpose() + exchange) * k - kept_wf,
+        ff + w * w.transpose() * k - kept_ff,
+    ]
 }

@@ -8,11 +8,11 @@ use super::super::stretch::{self, Stretch, StretchRest};
 use super::*;
 
 /// Step of central differences; their error is about `STEP^2` times third derivatives.
-const STEP: f64 = 1e-5;
+pub(super) const STEP: f64 = 1e-5;
 
 /// Deformation gradients: flat, stretched, compressed, collapsed nearly, sheared nearly to
 /// parallel columns, both ways.
-fn deformations() -> Vec<[Vec3; 2]> {
+pub(super) fn deformations() -> Vec<[Vec3; 2]> {
     let (x, y, z) = (Vec3::x(), Vec3::y(), Vec3::z());
     vec![
         [x, y],
@@ -26,15 +26,15 @@ fn deformations() -> Vec<[Vec3; 2]> {
     ]
 }
 
-fn rest(stiffness: [f64; 3]) -> StretchRest<f64> {
+pub(super) fn rest(stiffness: [f64; 3]) -> StretchRest<f64> {
     StretchRest { shape: [[1.0, 0.0], [0.0, 1.0]], stiffness }
 }
 
-fn at(columns: [Vec3; 2]) -> Stretch<f64> {
+pub(super) fn at(columns: [Vec3; 2]) -> Stretch<f64> {
     stretch::stretch(&stretch::reference(columns), [Vec3::zeros(); 2])
 }
 
-fn moved(columns: &[Vec3; 2], k: usize, by: f64) -> [Vec3; 2] {
+pub(super) fn moved(columns: &[Vec3; 2], k: usize, by: f64) -> [Vec3; 2] {
     let mut moved = *columns;
     moved[k / 3][k % 3] += by;
     moved
@@ -115,7 +115,7 @@ fn energy_change_is_the_difference_of_energies() {
 
 /// Points of a hinge whose edge has length `l` and whose triangles have the height `h` and
 /// are folded to `angle`.
-fn folded(l: f64, h: f64, angle: f64) -> [Vec3; 4] {
+pub(super) fn folded(l: f64, h: f64, angle: f64) -> [Vec3; 4] {
     let far = Vec3::new(0.8 * l, h * angle.cos(), h * angle.sin());
     let points = [Vec3::zeros(), Vec3::new(l, 0.0, 0.0), Vec3::new(0.3 * l, -h, 0.0), far];
     let turn = nalgebra::Rotation3::from_euler_angles(0.4, -0.9, 2.0);
@@ -165,7 +165,7 @@ fn bend_takes_the_shorter_way_round() {
 }
 
 /// Cloths with both kinds of hinges, and positions: crumpled, stretched, compressed.
-fn states() -> Vec<(Cloth, Vec<Vec3>)> {
+pub(super) fn states() -> Vec<(Cloth, Vec<Vec3>)> {
     let sheet = garment_of(&panel(4, 3, 0.02, Split::Irregular, 0.6), &Fabric::default(), flat);
     let seam = sewn(3, 0.02, 1.2);
     let mut slivers = panel(4, 3, 0.02, Split::Irregular, 0.0);
@@ -188,7 +188,7 @@ fn states() -> Vec<(Cloth, Vec<Vec3>)> {
 }
 
 /// `points` with coordinate `k` of the nodes moved.
-fn nudged(cloth: &Cloth, points: &[Vec3], k: usize, by: f64) -> Vec<Vec3> {
+pub(super) fn nudged(cloth: &Cloth, points: &[Vec3], k: usize, by: f64) -> Vec<Vec3> {
     let mut moved = points.to_vec();
     for (p, &node) in moved.iter_mut().zip(&cloth.node_of_vertex) {
         if node as usize == k / 3 {

@@ -2,6 +2,7 @@
 
 mod closed_forms;
 mod derivatives;
+mod softening;
 mod twins;
 
 use crate::drape::cloth::{Cloth, Options};

@@ -1,0 +1,216 @@
+//! The minimisation of a step's objective: Newton with a line search that never passes through.
+//!
+//! The matrix is a positive semi-definite stand-in for the Hessian; where it is factored, the
+//! negative curvature that it leaves out is put back as far as it stays positive definite
+//! ([`super::elastic::softening`]). Moves may be as long as the search direction asks:
+//! continuous collision detection over the path says how far they may go ([`super::contact`]).
+
+use super::Error;
+use super::contact::narrow::Contacts;
+use super::contact::stencil::Stencil;
+use super::history::{History, dot};
+use super::simulation::{Simulation, StepInfo};
+use crate::model::Vec3;
+use crate::solve::cg::CgParams;
+
+/// Decrease that a step must bring, as a share of what the slope promises [Armijo 1966].
+const ARMIJO: f64 = 1e-4;
+/// Shortest share of a Newton step that is tried.
+const SHORTEST: f64 = 1e-7;
+/// Share of what is free that a stubborn minimisation moves by where nothing brings the objective
+/// down.
+const NUDGE: f64 = 0.25;
+/// Residual, in mean node weights, from which on the history is kept.
+const NEAR: f64 = 1.0;
+/// Energies closer than this share of themselves are equal up to rounding.
+const ROUNDING: f64 = 1e-14;
+
+/// What a step minimises over.
+pub(super) struct Problem {
+    pub start: Vec<Vec3>,
+    pub target: Vec<Vec3>,
+    pub inertia: f64,
+    pub friction: Vec<Stencil>,
+}
+
+/// Where a minimisation ends besides its tolerance.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Until {
+    /// Most Newton iterations.
+    pub most: usize,
+    /// After the iteration that promises less than this share of the decrease so far (0: none).
+    /// Half of the slope along a Newton direction is what is left to gain by its own model,
+    /// however fine the mesh is.
+    pub gain: f64,
+    /// Whether near its end the history of its iterations takes part ([`History`]).
+    pub remembers: bool,
+    /// Whether moves are made that do not bring the objective down: springs of tangled pairs jump
+    /// where a pair changes sides, and a push must get past that.
+    pub stubborn: bool,
+}
+
+/// The objective and its gradient at one configuration.
+pub(super) struct Here {
+    vertices: Vec<Vec3>,
+    points: Vec<Vec3>,
+    moved: Vec<Vec3>,
+    energy: f64,
+    pub gradient: Vec<Vec3>,
+    contacts: Contacts,
+    held: Vec<Stencil>,
+}
+
+impl Simulation<'_> {
+    /// Minimises from where the nodes are; where they would be, and what was achieved.
+    pub(super) fn minimise(
+        &mut self,
+        problem: &Problem,
+        until: Until,
+    ) -> Result<(Vec<Vec3>, StepInfo), Error> {
+        let mut x = self.x.clone();
+        let mut here = self.evaluate(&x, problem);
+        let first = here.energy;
+        let mut info = StepInfo::default();
+        let mut history = History::default();
+        loop {
+            info.residual = self.residual(&here.gradient);
+            info.converged = info.residual <= self.params.tolerance;
+            if info.converged || info.approached || info.newton >= until.most {
+                return Ok((x, info));
+            }
+            let Some(descent) = self.descent(&mut here, problem, &mut history, &mut info)? else {
+                return Ok((x, info)); // no descent in f32: as good as it gets
+            };
+            let left = -0.5 * descent.1;
+            let Some((next, there)) = self.search(&x, &here, &descent, problem, until.stubborn) else {
+                return Ok((x, info));
+            };
+            info.approached = left < until.gain * (first - there.energy);
+            if until.remembers && info.residual < NEAR {
+                history.push(&x, &next, &here.gradient, &there.gradient);
+            } else {
+                history.clear();
+            }
+            (x, here) = (next, there);
+            info.newton += 1;
+        }
+    }
+
+    /// A direction of descent, no longer than contact allows, and the slope along it.
+    fn descent(
+        &mut self,
+        here: &mut Here,
+        problem: &Problem,
+        history: &mut History,
+        info: &mut StepInfo,
+    ) -> Result<Option<(Vec<Vec3>, f64)>, Error> {
+        let mut direction = self.direction(here, problem, history, info)?;
+        let mut slope = dot(&direction, &here.gradient);
+        if slope >= 0.0 && !history.is_empty() {
+            history.clear();
+            direction = self.direction(here, problem, history, info)?;
+            slope = dot(&direction, &here.gradient);
+        }
+        let length = direction.iter().map(Vec3::norm).fold(0.0, f64::max);
+        if !length.is_finite() || slope >= 0.0 {
+            return Ok(None);
+        }
+        let (searched, longest) = self.contact.refresh(&here.points, length);
+        if searched {
+            here.contacts = self.contact.contacts(&here.points);
+        }
+        if length > longest {
+            direction.iter_mut().for_each(|d| *d *= longest / length);
+            slope *= longest / length;
+        }
+        Ok(Some((direction, slope)))
+    }
+
+    /// Solves for the Newton direction at `here`.
+    fn direction(
+        &mut self,
+        here: &Here,
+        problem: &Problem,
+        history: &History,
+        info: &mut StepInfo,
+    ) -> Result<Vec<Vec3>, Error> {
+        self.elastic.rebase(self.device, &here.vertices)?;
+        self.elastic.linearise(self.device, &self.rest)?;
+        let stencils = [&here.contacts.stencils[..], &here.held[..], &problem.friction[..]].concat();
+        let cg = CgParams { tolerance: self.params.cg_tolerance, max_iterations: self.params.max_cg };
+        let (gradient, weights) = history.before(here.gradient.clone());
+        let (direction, solved) = self.system.direction(
+            self.device,
+            (&self.elastic, &here.vertices),
+            &stencils,
+            &here.moved,
+            problem.inertia,
+            &gradient,
+            &cg,
+        )?;
+        info.cg += solved.iterations;
+        Ok(history.after(direction, &weights))
+    }
+
+    /// Backtracks along `direction` until the objective falls by enough for its `slope`.
+    fn search(
+        &mut self,
+        x: &[Vec3],
+        here: &Here,
+        (direction, slope): &(Vec<Vec3>, f64),
+        problem: &Problem,
+        stubborn: bool,
+    ) -> Option<(Vec<Vec3>, Here)> {
+        let node = &self.contact.scene.sheet.node;
+        let by_point: Vec<Vec3> = node.iter().map(|&n| direction[n as usize]).collect();
+        let free = self.contact.free_share(&here.points, &by_point, &here.contacts);
+        let mut share = free;
+        while share > SHORTEST {
+            let (next, there) = self.go(x, direction, share, problem);
+            let allowed = ROUNDING * (here.energy.abs() + there.energy.abs());
+            if there.energy <= here.energy + ARMIJO * share * slope + allowed {
+                return Some((next, there));
+            }
+            share *= 0.5;
+        }
+        stubborn.then(|| self.go(x, direction, NUDGE * free, problem))
+    }
+
+    /// A share of `direction` from `x`, where nothing is in the way.
+    fn go(&mut self, x: &[Vec3], direction: &[Vec3], share: f64, problem: &Problem) -> (Vec<Vec3>, Here) {
+        let next: Vec<Vec3> = x.iter().zip(direction).map(|(x, d)| x + d * share).collect();
+        self.contact.keep_up(&self.contact_points(&next));
+        let there = self.evaluate(&next, problem);
+        (next, there)
+    }
+
+    pub(super) fn evaluate(&self, x: &[Vec3], problem: &Problem) -> Here {
+        let vertices = self.offsets.vertices(x);
+        let points = self.contact.scene.sheet.points(&vertices);
+        let moved: Vec<Vec3> = x.iter().zip(&problem.start).map(|(x, s)| x - s).collect();
+        let (mut energy, mut gradient) = self.elastic.judge(&vertices);
+        for i in 0..x.len() {
+            let m = self.masses[i] * problem.inertia;
+            let d = x[i] - problem.target[i];
+            energy += 0.5 * m * d.norm_squared();
+            gradient[i] += d * m;
+        }
+        let contacts = self.contact.contacts(&points);
+        let held = self.hold.stencils(x);
+        for stencil in contacts.stencils.iter().chain(&held).chain(&problem.friction) {
+            let (e, f) = stencil.evaluate(&moved);
+            energy += e;
+            for k in 0..4 {
+                gradient[stencil.nodes[k] as usize] += f * stencil.weights[k];
+            }
+        }
+        Here { vertices, points, moved, energy, gradient, contacts, held }
+    }
+
+    /// Largest force on a free node over the mean node weight.
+    pub(super) fn residual(&self, gradient: &[Vec3]) -> f64 {
+        let free = gradient.iter().zip(&self.pinned).filter(|(_, pinned)| !**pinned);
+        let worst = free.map(|(g, _)| g.norm()).fold(0.0, |a: f64, b| if b.is_nan() { b } else { a.max(b) });
+        worst / self.node_weight()
+    }
+}
