@@ -4,12 +4,13 @@
     DRESSFORM_PEERS=... posed.py DATA [--only OUTFIT:CHARACTER ...] [--drape] [--influences N]
         [--cache FOLDER] [--json FILE]
 
-Every garment of DATA on every character is transferred and rigged (and draped, if asked), then posed
-three times on the same geometry, with nothing but the weights exchanged. The rivals are
+Every garment of DATA on every character is transferred and rigged (or taken, draped, from a FOLDER that
+all_pairs.py wrote, and rigged), then posed three times on the same geometry, with nothing but the
+weights exchanged. The rivals are
 ``rig_igl.py`` of DRESSFORM_PEERS: weights of the nearest body point, and weight inpainting
 [Abdrashitov 2023] with its default thresholds; both keep all their influences, ours are capped.
-Prints a table, means over the poses. Ours is refined against these very poses; with --held-out
-all are judged in others: half-way to each of them, and one's arms with another's trunk and legs.
+Prints a table, means over the poses. Ours is refined against these very poses; so the sums are given
+for others too: half-way to each of them, and one's arms with another's trunk and legs.
 """
 
 from __future__ import annotations
@@ -18,13 +19,14 @@ import argparse
 import json
 import os
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from all_pairs import pairs
-from dressform import fit_arrays
-from dressform.model import Character, DressedGarment, GarmentSource
+from dressform import fit_arrays, prepare_body, rig_arrays
+from dressform.model import Character, GarmentSource
 from dressform.native import SkinnedMesh, posed_check, poses
 from dressform.usd.character import read_character
 from dressform.usd.garment import read_outfit
@@ -79,25 +81,46 @@ def rivals(
     return {"nearest": nearest, "inpaint": inpainted}
 
 
+#: Influences of each point, indices and weights [n * k].
+Skin = tuple[int, np.ndarray, np.ndarray]
+
+
 def judge(
-    peer: Any, character: Character, garment: GarmentSource, dressed: DressedGarment, held_out: bool
-) -> dict[str, list[dict[str, Any]]]:
-    """Figures of every pose for every method."""
-    used, index = welded(garment, dressed.points)
-    points = dressed.points[used]
+    peer: Any, character: Character, garment: GarmentSource, points: np.ndarray, skin: Skin
+) -> Iterator[dict[str, list[dict[str, Any]]]]:
+    """Figures of every pose for every method: in the check's poses, and in others."""
+    used, index = welded(garment, points)
     triangles = index[garment.triangles.astype(np.int64)].astype(np.uint32)
     triangles = triangles[[len(set(t)) == 3 for t in triangles.tolist()]]
-    k = dressed.influences
-    ours = (
-        k,
-        dressed.joint_indices.reshape(-1, k)[used].ravel(),
-        dressed.joint_weights.reshape(-1, k)[used].ravel(),
-    )
+    k, joints, weights = skin
+    ours = (k, joints.reshape(-1, k)[used].ravel(), weights.reshape(-1, k)[used].ravel())
     skins = {"ours": ours}
-    skins |= {name: sparse(w) for name, w in rivals(peer, character, points, triangles).items()}
-    meshes = [SkinnedMesh(points, triangles, *skins[m]) for m in METHODS]
-    others = other_poses(character) if held_out else None
-    return dict(zip(METHODS, posed_check(character, meshes, "{}", others), strict=True))
+    skins |= {name: sparse(w) for name, w in rivals(peer, character, points[used], triangles).items()}
+    meshes = [SkinnedMesh(points[used], triangles, *skins[m]) for m in METHODS]
+    for chosen in (None, other_poses(character)):
+        yield dict(zip(METHODS, posed_check(character, meshes, "{}", chosen), strict=True))
+
+
+def fitted(
+    outfit_file: Path, character: Character, settings: dict[str, Any], cache: str | None
+) -> Iterator[tuple[GarmentSource, np.ndarray, Skin]]:
+    """Every garment, transferred and rigged."""
+    outfit = read_outfit(outfit_file)
+    made = fit_arrays(outfit, character, json.dumps(settings), "cpu", None, cache)
+    for garment, d in zip(outfit.garments, made.garments, strict=True):
+        yield garment, d.points, (d.influences, d.joint_indices, d.joint_weights)
+
+
+def dressed(
+    file: Path, character: Character, settings: dict[str, Any]
+) -> Iterator[tuple[GarmentSource, np.ndarray, Skin]]:
+    """Every garment of a dressed character, rigged anew; details by themselves."""
+    body = prepare_body(character)
+    for garment in read_outfit(file).garments:
+        none = [np.zeros((0, 2), dtype=np.int64)]
+        seams = np.concatenate(none + [s.pairs.astype(np.int64) for s in garment.seams if not s.offset])
+        rigged = rig_arrays(body, garment.points, garment.triangles, seams, json.dumps(settings))
+        yield garment, garment.points, (rigged.influences, rigged.joint_indices, rigged.joint_weights)
 
 
 #: Whose arms go with whose trunk and legs.
@@ -163,7 +186,7 @@ COLUMNS = (
     ("stretch p99 - p1", "stretch_spread", "{:.3f}", 1.0),
     ("largest stretch", "stretch_max", "{:.2f}", 1.0),
 )
-#: Figures that are compared and summed.
+#: Figures that are compared.
 COMPARED = ("inside", "depth_mean_mm", "stretch_spread")
 
 
@@ -191,10 +214,7 @@ def arguments() -> argparse.Namespace:
     )
     parser.add_argument("data", type=Path)
     parser.add_argument("--only", nargs="*", default=[], metavar="OUTFIT:CHARACTER")
-    parser.add_argument("--drape", action="store_true", help="with the default drape")
-    parser.add_argument(
-        "--held-out", action="store_true", help="judged in poses that ours was not refined in"
-    )
+    parser.add_argument("--dressed", type=Path, metavar="FOLDER", help="what all_pairs.py wrote")
     parser.add_argument("--settings", default="{}", help="of the rig, as JSON")
     parser.add_argument("--cache", help="folder that keeps the flows between bodies")
     parser.add_argument("--json", type=Path, help="all figures of all poses")
@@ -207,29 +227,34 @@ def main() -> int:
     sys.path.insert(0, os.environ["DRESSFORM_PEERS"])
     import rig_igl as peer
 
-    settings: dict[str, Any] = {"posed": {"enabled": False}} if options.drape else dict(STILL)
-    settings["rig"] = json.loads(options.settings)
+    rig = {"rig": json.loads(options.settings)}
     names = ["outfit", "character", "garment", *(heading for heading, *_ in COLUMNS)]
     print("| " + " | ".join(names) + " |\n|" + " --- |" * len(names), flush=True)
-    everything, losses = {}, []
+    everything: list[dict[str, Any]] = [{}, {}]
+    losses: list[list[str]] = [[], []]
     for outfit_file, character_file in pairs(options.data):
         name = f"{outfit_file.stem}:{character_file.stem}"
         if options.only and name not in options.only:
             continue
-        outfit = read_outfit(outfit_file)
         character, _ = read_character(character_file)
-        fitted = fit_arrays(outfit, character, json.dumps(settings), "cpu", None, options.cache)
-        for garment, dressed in zip(outfit.garments, fitted.garments, strict=True):
-            figures = judge(peer, character, garment, dressed, options.held_out)
-            means = {m: summary(f) for m, f in figures.items()}
-            everything[f"{name}:{garment.name}"] = figures
-            print(row(name, garment.name, means), flush=True)
-            losses += [f"{name} {garment.name}: {loss}" for loss in worse(means)]
-    print(f"\nours / nearest / inpaint; {len(everything)} garments. Sums:")
-    for key in COMPARED:
-        sums = [sum(summary(f[m])[key] for f in everything.values()) for m in METHODS]
-        print(f"{key}: " + " / ".join(f"{s:.4g}" for s in sums))
-    print(f"\nOurs is worse in {len(losses)}:", *losses, sep="\n")
+        if options.dressed:
+            file = options.dressed / f"{outfit_file.stem}_on_{character_file.stem}.usda"
+            rigged = dressed(file, character, rig)
+        else:
+            rigged = fitted(outfit_file, character, STILL | rig, options.cache)
+        for garment, points, skin in rigged:
+            for k, figures in enumerate(judge(peer, character, garment, points, skin)):
+                means = {m: summary(f) for m, f in figures.items()}
+                everything[k][f"{name}:{garment.name}"] = figures
+                losses[k] += [f"{name} {garment.name}: {loss}" for loss in worse(means)]
+                if k == 0:
+                    print(row(name, garment.name, means), flush=True)
+    for k, what in enumerate(("the check's poses", "other poses")):
+        print(f"\nIn {what}, ours / nearest / inpaint; sums of {len(everything[k])} garments:")
+        for _, key, _, _ in COLUMNS:
+            sums = [sum(summary(f[m])[key] for f in everything[k].values()) for m in METHODS]
+            print(f"{key}: " + " / ".join(f"{s:.4g}" for s in sums))
+        print(f"Ours is worse in {len(losses[k])}:", *losses[k], sep="\n")
     if options.json:
         options.json.write_text(json.dumps(everything, indent=1))
     return 0

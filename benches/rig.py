@@ -3,7 +3,8 @@
 
     RAYON_NUM_THREADS=1 DRESSFORM_PEERS=FOLDER [DRESSFORM_DATA=FOLDER] rig.py
 
-Every input goes to ours and, in the same run, to ``rig_igl.py`` of DRESSFORM_PEERS (run by
+The stage is measured without its refinement against poses, which the peers have not; where the
+body can be posed, a row says what that makes of it. Every input goes to ours and, in the same run, to ``rig_igl.py`` of DRESSFORM_PEERS (run by
 DRESSFORM_PEERS_PYTHON, or the ``venv`` in that folder): the same body, cloth, seams and joints, none
 ignored. Prints a table: CPU seconds of the search (with and without building the body's hierarchy)
 and of the whole stage, largest L1 jump of weights along an edge, seam mismatch, error of the sums.
@@ -27,7 +28,8 @@ from dressform import rigging
 from dressform.model import Character, Floats
 
 REPEAT = 5
-SETTINGS = json.dumps({"rig": {"ignore": []}})
+SETTINGS = {"ignore": [], "refine": 0}
+REFINED = {"ignore": []}
 #: The peers' own fixtures: name, arguments of make_inputs.py.
 MADE = {
     "shirt 12k": ("--garment", "shirt", "--body-edge", "0.014", "--cloth-edge", "0.010"),
@@ -89,6 +91,7 @@ def garments(data: Path, folder: Path) -> Iterator[tuple[str, Path]]:
                 garment_f=triangles.reshape(-1, 3).astype(np.int32),
                 seams=seams.astype(np.int64),
                 parents=np.array(body.joint_parents),
+                names=np.array(body.joints),
                 centers=body.world_from_joint[:, :3, 3],
             )
             yield path.stem, path
@@ -119,7 +122,7 @@ def character(data: Input) -> Character:
         skin_influences=most,
         joint_indices=order.ravel().astype(np.uint32),
         joint_weights=np.take_along_axis(weights, order, axis=1).ravel(),
-        joints=[f"joint{i}" for i in range(count)],
+        joints=[str(name) for name in data.get("names", [f"joint{i}" for i in range(count)])],
         joint_parents=[int(p) for p in data.get("parents", np.full(count, -1))],
         world_from_joint=frames,
     )
@@ -135,13 +138,14 @@ def timed(work: Callable[[], Result]) -> tuple[Result, float]:
     return result, statistics.median(seconds)
 
 
-def ours(data: Input) -> dict[str, float]:
+def ours(data: Input, rig: dict[str, Any]) -> dict[str, float]:
     """Our figures, by the names of :data:`COLUMNS`."""
+    settings = json.dumps({"rig": rig})
     body = character(data)
     cloth = (data["garment_v"], data["garment_f"], data.get("seams"))
     prepared, tree = timed(lambda: rigging.prepare_body(body))
-    _, search = timed(lambda: rigging.match_arrays(prepared, *cloth, SETTINGS))
-    rigged, stage = timed(lambda: rigging.rig_arrays(prepared, *cloth, SETTINGS))
+    _, search = timed(lambda: rigging.match_arrays(prepared, *cloth, settings))
+    rigged, stage = timed(lambda: rigging.rig_arrays(prepared, *cloth, settings))
     weights = rigged.dense(len(body.joints))
     tri = data["garment_f"]
     edges = np.concatenate([tri[:, [0, 1]], tri[:, [1, 2]], tri[:, [2, 0]]])
@@ -179,7 +183,10 @@ def main() -> None:
         for name, path in inputs(peers, Path(temporary)):
             data = dict(np.load(path))
             report = json.loads(run_peer(peers, "rig_igl.py", str(path)).splitlines()[-1])
-            for who, row in {"ours": ours(data), **peer_rows(report)}.items():
+            rows = {"ours": ours(data, SETTINGS)}
+            if "names" in data:
+                rows["ours, refined"] = ours(data, REFINED)
+            for who, row in {**rows, **peer_rows(report)}.items():
                 figures = " | ".join("" if np.isnan(v) else f"{v:.3g}" for v in row.values())
                 print(f"| {name} | {len(data['garment_v'])} | {who} | {figures} |", flush=True)
 

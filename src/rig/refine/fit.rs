@@ -7,8 +7,8 @@ use crate::geometry::skinning::transform;
 use crate::model::Vec3;
 use crate::rig::influences;
 
-/// How far above the skin a vertex that has sunk is put [m].
-const ABOVE: f64 = 1e-3;
+/// How far above the skin a vertex that has sunk is put, so that the faces around it are out too [m].
+const ABOVE: f64 = 3e-3;
 /// A squared depth counts this many times a squared displacement.
 const PUSH: f64 = 30.0;
 
