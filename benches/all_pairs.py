@@ -18,7 +18,7 @@ from pathlib import Path
 
 COLUMNS = (
     "outfit | character | exit | garment | gap p99 mm | gap mean mm | outer | CG | strain change p50/p99 (pattern) "
-    "| seam mismatch | flips | drape residual | body | layer | self | depth mm | strain change p99 (draped) | seconds"
+    "| seam mismatch | flips | drape residual | at rest | body | layer | self | depth mm | strain change p99 (draped) | seconds"
 )
 
 
@@ -61,6 +61,7 @@ def rows(outfit: str, character: str, result: dict) -> list[str]:
             f"{p['strain_change_p50']:.4f} / {p['strain_change_p99']:.3f}",
             f"{p['seam_mismatch_max']:.4f}", str(p["flipped_triangles"]),
             f"{d['residual']:.2g}{'' if d['converged'] else ' (not converged)'}",
+            "yes" if d["at_rest"] else "no",
             str(c["body_intersections"]), str(c["layer_intersections"]), str(c["self_intersections"]),
             f"{c['body_penetration_max_m'] * 1e3:.2f}", f"{c['strain_change_p99']:.3f}", f"{result['wall']:.0f}",
         ]  # fmt: skip
