@@ -12,7 +12,7 @@ use std::sync::{Arc, Mutex};
 use std::thread;
 use std::time::Duration;
 
-use dressform::device::DeviceInfo;
+use dressform::device::{DeviceInfo, on_worker};
 use dressform::model::Garment;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
@@ -21,8 +21,6 @@ use crate::errors;
 
 /// How often Ctrl-C is looked for.
 const POLL: Duration = Duration::from_millis(50);
-/// Stack of the worker [bytes]; recursive builders of trees and factors need more than 2 MiB.
-const STACK: usize = 64 << 20;
 
 /// Message and place of the last panic, for the exception that it becomes.
 static LAST_PANIC: Mutex<String> = Mutex::new(String::new());
@@ -64,9 +62,9 @@ pub fn run<T: Send + 'static>(
                     panic::resume_unwind(Box::new(Cancelled));
                 }
             };
-            panic::catch_unwind(AssertUnwindSafe(|| work(&mut report)))
+            panic::catch_unwind(AssertUnwindSafe(|| on_worker(|| work(&mut report))))
         };
-        thread::Builder::new().name("dressform".to_owned()).stack_size(STACK).spawn(body)?
+        thread::Builder::new().name("dressform".to_owned()).spawn(body)?
     };
     // A channel's receiver cannot be shared with the closure that runs without the interpreter.
     let receiver = Mutex::new(receiver);

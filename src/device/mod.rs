@@ -19,11 +19,13 @@ mod error;
 mod gpu;
 mod host;
 mod kernel;
+mod workers;
 
 pub use adapter::AdapterInfo;
 pub use error::DeviceError;
 pub use host::HostArgs;
 pub use kernel::{Access, Kernel, WORKGROUP};
+pub use workers::on_worker;
 
 /// WGSL for an invocation's index; goes first in [`Kernel::wgsl`].
 pub const INDEX_WGSL: &str = include_str!("index.wgsl");

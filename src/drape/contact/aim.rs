@@ -97,6 +97,7 @@ pub fn out_of_colliders(scene: &Scene<'_>, tangles: &Tangles, radii: &Radii, x: 
     for (c, collider) in scene.colliders.iter().enumerate() {
         let facing = collider.solid && tangles.outward[c];
         let radius = radii.collider[c];
+        collider.hidden(); // in parallel itself, so not first from within the loop
         aims.par_extend((0..x.len()).into_par_iter().filter(|&p| tangles.inside[c][p]).map(|p| {
             let side = collider.way_out(&x[p], facing.then_some(&normals[p]));
             let away = side.point - x[p];

@@ -53,6 +53,7 @@ impl Tangles {
             let places = x.par_iter().zip(&sides);
             let mut inside: Vec<bool> = places.clone().map(|(p, side)| collider.is_inside(p, side)).collect();
             if collider.solid && inside.contains(&true) {
+                collider.hidden(); // in parallel itself, so not first from within the loop
                 let buried = places.map(|(p, side)| collider.is_buried(p, side));
                 inside.par_iter_mut().zip(buried).for_each(|(i, buried)| *i |= buried);
             }

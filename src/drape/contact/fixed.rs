@@ -150,7 +150,8 @@ impl<'a> Fixed<'a> {
     }
 
     /// What of a solid lies inside of it: where a body crosses itself, an arm pressed into its
-    /// flank, its skin bounds nothing. Found when it is first asked for.
+    /// flank, its skin bounds nothing. Found, in parallel, when it is first asked for: never first
+    /// from within a parallel loop, whose other workers would wait for one another.
     pub fn hidden(&self) -> &Hidden {
         self.hidden.get_or_init(|| {
             let mesh = self.mesh();
