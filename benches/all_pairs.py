@@ -49,6 +49,11 @@ def fit(outfit: Path, character: Path, out: Path, device: str) -> dict:
     return result
 
 
+def head(columns: str) -> list[str]:
+    """The first two lines of a table."""
+    return [f"| {columns} |", "|" + " --- |" * (columns.count("|") + 1)]
+
+
 def rows(outfit: str, character: str, result: dict) -> list[str]:
     """Table rows of a pair, one a garment."""
     lines = []
@@ -82,7 +87,7 @@ def main() -> int:
     parser.add_argument("--table", type=Path)
     options = parser.parse_args()
     options.out.mkdir(parents=True, exist_ok=True)
-    table = [f"| {COLUMNS} |", "|" + " --- |" * (COLUMNS.count("|") + 1)]
+    table = head(COLUMNS)
     exits: dict[int, int] = {}
     for outfit, character in pairs(options.data):
         name = f"{outfit.stem}:{character.stem}"
@@ -103,8 +108,8 @@ def main() -> int:
     summary = ", ".join(f"{count} exit {code}" for code, count in sorted(exits.items()))
     print(f"{sum(exits.values())} pairs: {summary}")
     if options.table:
-        head = "# Every outfit on every character\n\nMade by `make pairs` (benches/all_pairs.py). "
-        options.table.write_text(head + summary + ".\n\n" + "\n".join(table) + "\n")
+        title = "# Every outfit on every character\n\nMade by `make pairs` (benches/all_pairs.py). "
+        options.table.write_text(title + summary + ".\n\n" + "\n".join(table) + "\n")
     return 0
 
 

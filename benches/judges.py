@@ -18,6 +18,7 @@ import tempfile
 from pathlib import Path
 
 import numpy as np
+from all_pairs import head
 from dressform.model import Character, GarmentSource
 from dressform.usd.garment import read_outfit
 from fixtures import peer
@@ -39,19 +40,12 @@ def split_by_panel(garment: GarmentSource) -> dict[str, np.ndarray]:
     point = unique[:, 0]
     same = point[1:] == point[:-1]
     seams = [np.column_stack([np.flatnonzero(same), np.flatnonzero(same) + 1])]
-    vertex_of_point = {p: v for v, p in enumerate(point)}
+    vertex = np.full(len(garment.points), -1)
+    vertex[point] = np.arange(len(point))
     for seam in garment.seams:
         if not seam.offset:
-            seams.append(
-                np.array(
-                    [
-                        [vertex_of_point[a], vertex_of_point[b]]
-                        for a, b in seam.pairs
-                        if a in vertex_of_point and b in vertex_of_point
-                    ],
-                    dtype=np.int64,
-                ).reshape(-1, 2)
-            )
+            pairs = vertex[seam.pairs]
+            seams.append(pairs[(pairs >= 0).all(axis=1)])
     return {
         "garment_v": garment.points[point],
         "garment_f": inverse.reshape(-1, 3),
@@ -108,7 +102,7 @@ def main() -> int:
     parser.add_argument("results", type=Path)
     parser.add_argument("--table", type=Path)
     options = parser.parse_args()
-    table = [f"| {COLUMNS} |", "|" + " --- |" * (COLUMNS.count("|") + 1)]
+    table = head(COLUMNS)
     unseen = clean = within = 0
     sources: dict[str, dict] = {}
     with tempfile.TemporaryDirectory() as name:
@@ -134,10 +128,10 @@ def main() -> int:
     )
     print(summary)
     if options.table:
-        head = (
+        title = (
             "# Outside judges over every pair\n\nMade by benches/judges.py from the results of `make pairs`. "
         )
-        options.table.write_text(head + summary + "\n\n" + "\n".join(table) + "\n")
+        options.table.write_text(title + summary + "\n\n" + "\n".join(table) + "\n")
     return 1 if unseen else 0
 
 

@@ -19,6 +19,7 @@ from typing import Any
 
 import dressform
 import numpy as np
+from all_pairs import head as table_head
 from all_pairs import pairs
 from dressform.model import GarmentSource
 from dressform.usd.character import read_character
@@ -94,7 +95,7 @@ def pair_table(cases: list[Case]) -> list[str]:
     head += (
         "| mirror mm | grain deg | flips, repair | bounds | steps | residuals: length, shape, step mm | CPU s"
     )
-    rows = ["## Every garment on every target", "", f"| {head} |", "|" + " --- |" * (head.count("|") + 1)]
+    rows = ["## Every garment on every target", "", *table_head(head)]
     for case in cases:
         base, _ = refit(case, BASE)
         now, seconds = refit(case, {})
@@ -116,7 +117,7 @@ def pair_table(cases: list[Case]) -> list[str]:
 def outfit_table(cases: list[Case]) -> list[str]:
     """Transfer and refit of each outfit: the worst of its garments."""
     head = "pair | gap p99 / mean mm | outer | CG | CPU s | strain change p50 / p99 | mismatch % | flips"
-    rows = ["## Every pair", "", f"| {head} |", "|" + " --- |" * (head.count("|") + 1)]
+    rows = ["## Every pair", "", *table_head(head)]
     for pair in dict.fromkeys(case.pair for case in cases):
         worn = [case for case in cases if case.pair == pair]
         flow = worn[0].report["transfer"]
@@ -139,7 +140,7 @@ def trade_table(cases: list[Case]) -> list[str]:
     """Strain against lengths and shape: the worst and the middle garment of each way to solve."""
     head = "way | mismatch % worst (middle) | strain p50 over base worst (middle) | strain p99 over base "
     head += "worst (middle) | straight % worst (middle) | corner deg worst (middle) | not converged"
-    rows = ["## Strain against lengths and shape", "", f"| {head} |", "|" + " --- |" * (head.count("|") + 1)]
+    rows = ["## Strain against lengths and shape", "", *table_head(head)]
     base = [refit(case, BASE)[0] for case in cases]
     for way, settings in TRADE.items():
         reports = [refit(case, settings)[0] for case in cases]
@@ -164,7 +165,7 @@ def trade_table(cases: list[Case]) -> list[str]:
 def crumpled_table(cases: list[Case]) -> list[str]:
     """Flips and repairs after noise on the carried points."""
     head = "noise mm | garments | flipped triangles left | repairs"
-    rows = ["## Crumpled transfers", "", f"| {head} |", "|" + " --- |" * (head.count("|") + 1)]
+    rows = ["## Crumpled transfers", "", *table_head(head)]
     for amplitude in (2, 5, 10):
         repairs: dict[str, int] = {}
         flips = 0
@@ -210,7 +211,7 @@ def finer(case: Case) -> Case:
 def size_table(case: Case) -> list[str]:
     """CPU time of a welded garment, refined."""
     head = "points | CPU s (median of 3) | us a point | steps | bounds | length residual | converged"
-    rows = [f"## Size ({case.name}, refined)", "", f"| {head} |", "|" + " --- |" * (head.count("|") + 1)]
+    rows = [f"## Size ({case.name}, refined)", "", *table_head(head)]
     for level in range(4):
         case = finer(case) if level else case
         runs = [refit(case, {}) for _ in range(3)]

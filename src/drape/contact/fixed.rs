@@ -156,20 +156,16 @@ impl<'a> Fixed<'a> {
         self.hidden.get_or_init(|| {
             let mesh = self.mesh();
             let covered = |at: Vec3, normal: Vec3| {
-                let above = at + normal.try_normalize(0.0).unwrap_or_default() * ABOVE;
-                self.solid && self.surface.winding_number(&above) > SOLID_THRESHOLD
+                self.solid && self.surface.winding_number(&(at + normal * ABOVE)) > SOLID_THRESHOLD
             };
             let centre = |t: usize| mesh.corners(t).iter().sum::<Vec3>() / 3.0;
             let triangles: Vec<bool> = (0..mesh.triangles.len())
                 .into_par_iter()
                 .map(|t| covered(centre(t), self.triangle_normals[t]))
                 .collect();
-            let mut normals = vec![Vec3::zeros(); mesh.points.len()];
-            for (t, triangle) in mesh.triangles.iter().enumerate() {
-                triangle.iter().for_each(|&p| normals[p as usize] += mesh.area_normal(t));
-            }
+            let normals = self.surface.point_normals();
             let corners: Vec<bool> =
-                mesh.points.par_iter().zip(&normals).map(|(p, n)| covered(*p, *n)).collect();
+                mesh.points.par_iter().zip(normals).map(|(p, n)| covered(*p, *n)).collect();
             let partly = mesh.triangles.iter().zip(&triangles);
             let partly = partly.map(|(c, t)| *t || c.iter().any(|&p| corners[p as usize])).collect();
             let shown = |t: &u32| !triangles[*t as usize];
