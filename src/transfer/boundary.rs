@@ -31,22 +31,14 @@ pub struct Boundary {
     pub masses: Vec<(u32, Mass)>,
     /// Load on each node, shape `[nodes, 3]`; empty without a boundary.
     pub load: Vec<Vec3>,
-    points: Vec<Point>,
-    /// The penalty times each point's share of its cell.
-    weight: f64,
 }
-
-/// A place in a cell of the domain.
-type Place = (u32, [f64; 3]);
 
 /// A quadrature point.
 #[derive(Clone, Debug)]
 struct Point {
-    /// Where it is evaluated.
-    at: Place,
-    /// The closest point of the surface.
-    surface: Place,
-    /// The surface's displacement there [m].
+    /// The cell that it is evaluated in, and where in it.
+    at: (u32, [f64; 3]),
+    /// The surface's displacement at the closest point [m].
     wanted: Vec3,
 }
 
@@ -77,55 +69,36 @@ impl Boundary {
         let mut points = points.concat();
         points.sort_by_key(|point| point.at.0); // stable: sums keep their order
         let weight = beta * (domain.lattice.cell / quadrature as f64).powi(3);
-        let mut boundary = Boundary { points, weight, ..Boundary::default() };
-        boundary.masses = boundary.masses();
-        boundary.load = boundary.load_for(domain, &boundary.wanted());
-        boundary
+        Boundary { masses: masses(&points, weight), load: load(domain, &points, weight) }
     }
+}
 
-    fn masses(&self) -> Vec<(u32, Mass)> {
-        let mut masses: Vec<(u32, Mass)> = Vec::new();
-        for (cell, local) in self.points.iter().map(|point| point.at) {
-            if masses.last().is_none_or(|last| last.0 != cell) {
-                masses.push((cell, Mass::default()));
-            }
-            let mass = &mut masses.last_mut().expect("just pushed").1;
-            let shape = element::shape(local);
-            for (a, b) in (0..64).map(|k| (k / 8, k % 8)) {
-                mass[a][b] += self.weight * shape[a] * shape[b];
-            }
+/// The mass of each cell that holds points, `weight` being the penalty times a point's share of
+/// its cell.
+fn masses(points: &[Point], weight: f64) -> Vec<(u32, Mass)> {
+    let mut masses: Vec<(u32, Mass)> = Vec::new();
+    for (cell, local) in points.iter().map(|point| point.at) {
+        if masses.last().is_none_or(|last| last.0 != cell) {
+            masses.push((cell, Mass::default()));
         }
-        masses
-    }
-
-    /// The displacement wanted at each quadrature point [m].
-    pub fn wanted(&self) -> Vec<Vec3> {
-        self.points.iter().map(|point| point.wanted).collect()
-    }
-
-    /// The load on each node if `asked` is asked for at the quadrature points [m].
-    pub fn load_for(&self, domain: &Domain, asked: &[Vec3]) -> Vec<Vec3> {
-        let mut load = vec![Vec3::zeros(); domain.nodes.len()];
-        for (point, asked) in self.points.iter().zip(asked) {
-            let (cell, local) = point.at;
-            for (&node, shape) in domain.cell_nodes[cell as usize].iter().zip(element::shape(local)) {
-                load[node as usize] += asked * (self.weight * shape);
-            }
+        let mass = &mut masses.last_mut().expect("just pushed").1;
+        let shape = element::shape(local);
+        for (a, b) in (0..64).map(|k| (k / 8, k % 8)) {
+            mass[a][b] += weight * shape[a] * shape[b];
         }
-        load
     }
+    masses
+}
 
-    /// Adds to what is `asked` for what the field `u` misses of the surface's displacement, and
-    /// returns the mean miss [m].
-    pub fn correct(&self, domain: &Domain, u: &[Vec3], asked: &mut [Vec3]) -> f64 {
-        let mut sum = 0.0;
-        for (point, asked) in self.points.iter().zip(asked) {
-            let miss = point.wanted - domain.interpolate(point.surface, u);
-            sum += miss.norm();
-            *asked += miss;
+/// The load on each node.
+fn load(domain: &Domain, points: &[Point], weight: f64) -> Vec<Vec3> {
+    let mut load = vec![Vec3::zeros(); domain.nodes.len()];
+    for Point { at: (cell, local), wanted } in points {
+        for (&node, shape) in domain.cell_nodes[*cell as usize].iter().zip(element::shape(*local)) {
+            load[node as usize] += wanted * (weight * shape);
         }
-        sum / self.points.len().max(1) as f64
     }
+    load
 }
 
 fn cell_points(
@@ -151,8 +124,8 @@ fn cell_points(
                 (0..3).map(|c| displacement[triangle[c] as usize] * closest.barycentric[c]).sum();
             let at = if sides.is_inside(&p) { p } else { closest.point };
             // A surface point lies in a cell that the surface cuts, and those are active.
-            let place = |p: &Vec3| domain.locate(p).map(|(cell, local)| (cell as u32, local));
-            Some(Point { at: place(&at)?, surface: place(&closest.point)?, wanted })
+            let (cell, local) = domain.locate(&at)?;
+            Some(Point { at: (cell as u32, local), wanted })
         })
         .collect()
 }

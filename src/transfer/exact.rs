@@ -21,8 +21,6 @@ pub const TOLERANCE: f64 = 1e-8;
 pub struct Exact<'a> {
     domain: &'a Domain,
     boundary: &'a Boundary,
-    /// Load on each node; empty without a boundary.
-    pub load: Vec<Vec3>,
     fixed: &'a [bool],
     viscous: ElementMatrix,
     divergence: [f64; 24],
@@ -38,7 +36,6 @@ impl<'a> Exact<'a> {
         Exact {
             domain,
             boundary,
-            load: boundary.load.clone(),
             fixed,
             viscous: element::viscous(h, params.nu),
             divergence: element::divergence(h),
@@ -50,9 +47,9 @@ impl<'a> Exact<'a> {
     /// `f - A u - B^T p` with `p = -mean min(0, det(I + grad u) - 1) / gamma`, per node; zero
     /// on fixed nodes.
     pub fn residual(&self, u: &[Vec3]) -> Vec<Vec3> {
-        let mut residual = match self.load.is_empty() {
+        let mut residual = match self.boundary.load.is_empty() {
             true => vec![Vec3::zeros(); u.len()],
-            false => self.load.clone(),
+            false => self.boundary.load.clone(),
         };
         let forces: Vec<SVector<f64, 24>> =
             (0..self.domain.cells.len()).into_par_iter().map(|cell| self.cell_force(cell, u)).collect();

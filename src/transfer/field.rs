@@ -90,6 +90,7 @@ pub struct Problem<'a> {
     device: &'a Device,
     params: &'a Params,
     exact: Option<Exact<'a>>,
+    boundary: &'a Boundary,
     fixed: &'a [bool],
     stencil: Stencil,
     multigrid: Multigrid,
@@ -125,9 +126,6 @@ impl<'a> Problem<'a> {
         let terms = Terms::new(domain, params.nu, params.gamma, boundary);
         let (nodes, cells) = (domain.nodes.len(), domain.cells.len());
         let is_fixed = |i: usize| fixed.get(i) == Some(&true);
-        // A fixed node's row is the identity: with its value as load its residual is zero.
-        let load =
-            |i: usize| if is_fixed(i) { start[i] } else { boundary.load.get(i).copied().unwrap_or_default() };
         let node_cells: Vec<[u32; 8]> = (0..nodes)
             .map(|i| if is_fixed(i) { [super::domain::NONE; 8] } else { domain.node_cells[i] })
             .collect();
@@ -135,6 +133,7 @@ impl<'a> Problem<'a> {
         Ok(Problem {
             device,
             params,
+            boundary,
             fixed,
             exact: params.exact.then(|| Exact::new(params, domain, boundary, fixed)),
             stencil: Stencil::new(device, domain, &terms, fixed)?,
@@ -144,7 +143,7 @@ impl<'a> Problem<'a> {
             node_cells: device.upload("transfer node cells", &node_cells)?,
             open: device.upload("transfer open cells", &open)?,
             pressure: device.zeros("transfer pressure", cells)?,
-            load: device.upload("transfer load", &flat(&(0..nodes).map(load).collect::<Vec<_>>()))?,
+            load: device.upload("transfer load", &flat(&loads(boundary, fixed, start)))?,
             u: device.upload("transfer displacement", &flat(start))?,
             image: device.zeros("transfer image", 3 * nodes)?,
             residual: device.zeros("transfer residual", 3 * nodes)?,
@@ -155,17 +154,12 @@ impl<'a> Problem<'a> {
         })
     }
 
-    /// Takes another load on each node; fixed ones keep their displacement.
+    /// Holds the fixed nodes at their displacement in `u` from now on.
     ///
     /// # Errors
     /// As [`Device::write`].
-    pub fn set_load(&mut self, load: &[Vec3], u: &[Vec3]) -> Result<(), DeviceError> {
-        let held = |i: usize| if self.fixed.get(i) == Some(&true) { u[i] } else { load[i] };
-        self.device.write(&self.load, &flat(&(0..self.nodes).map(held).collect::<Vec<_>>()))?;
-        if let Some(exact) = &mut self.exact {
-            exact.load = load.to_vec();
-        }
-        Ok(())
+    pub fn hold(&self, u: &[Vec3]) -> Result<(), DeviceError> {
+        self.device.write(&self.load, &flat(&loads(self.boundary, self.fixed, u)))
     }
 
     /// Runs the fixed point from `u`, which it leaves at the solution.
@@ -265,6 +259,14 @@ impl<'a> Problem<'a> {
         let d = d.chunks_exact(3).map(|d| Vec3::new(d[0].into(), d[1].into(), d[2].into()));
         Ok((d.collect(), norm))
     }
+}
+
+/// The load on each node. A fixed node's row is the identity: with its displacement in `u` as load
+/// its residual is zero.
+fn loads(boundary: &Boundary, fixed: &[bool], u: &[Vec3]) -> Vec<Vec3> {
+    let is_fixed = |i: usize| fixed.get(i) == Some(&true);
+    let load = |i: usize| boundary.load.get(i).copied().unwrap_or_default();
+    (0..u.len()).map(|i| if is_fixed(i) { u[i] } else { load(i) }).collect()
 }
 
 fn flat(u: &[Vec3]) -> Vec<f32> {

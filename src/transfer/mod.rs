@@ -35,9 +35,8 @@
 //!   dies off within as much, so the finer cells in their thin band carry it, and what lies
 //!   beyond stays put ([`Params::refinement`]). Their penalty is stiffer and each has its
 //!   lattice shifted: both close the last of the gap sooner (see [`Params::stiffening`]).
-//! - Where asked, the boundary's data are corrected in place: what the field misses on the skin
-//!   is added to what is asked for and the same system solved again, an augmented Lagrangian's
-//!   step [Hestenes 1969; Powell 1969] (see [`Params::corrections`]).
+//! - Where closing on the band's own cells may reach the gap asked for, that is tried before
+//!   anything is refined: a gap of 2 mm costs a quarter of one of 0.5 mm.
 //! - What the gap leaves in creases of the target is named ([`folds`]).
 //! - The bias starts anew in every outer loop, so compression that was accepted before is
 //!   forgotten. The *composed* map's deformation gradient is therefore carried along with

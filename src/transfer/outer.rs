@@ -13,6 +13,10 @@ use crate::model::{TriMesh, Vec3};
 /// An outer iteration that leaves more than this share of the gap has stalled.
 const STALLED: f64 = 0.9;
 
+/// A closing step on the band's cells divides the gap of bodies by about this at best, so it is
+/// tried where that would reach what is asked for; otherwise refinement comes at once.
+const GAIN: f64 = 3.0;
+
 /// The body on its way to the target.
 struct Body<'a> {
     target: &'a [Vec3],
@@ -62,17 +66,18 @@ impl Body<'_> {
         let params = &flow.params;
         let (mut steps, mut inner, mut gaps) = (Vec::<Step>::new(), Vec::new(), Vec::new());
         let mut last = self.gap(&self.drift.points).p99;
-        let mut before = self.drift.clone();
+        let (mut before, mut work) = (self.drift.clone(), Work::Band);
         // No look at the gap beforehand: a body that is already there passes through the
         // same solve as any other.
         while inner.len() < params.outer_iterations {
-            let turn = Turn::new(device, params, inner.len());
-            let refined = if turn.work == Work::Refine { steps.pop() } else { None };
-            if refined.is_some() {
-                (self.drift, last) = (before.clone(), f64::INFINITY);
-            } else {
-                before = self.drift.clone();
+            let refined = if work == Work::Refine { band_step(&mut steps) } else { None };
+            match work {
+                Work::Refine if refined.is_none() => work = Work::Close, // the flow led away
+                Work::Refine => (self.drift, last) = (before.clone(), f64::INFINITY),
+                Work::Band => before = self.drift.clone(),
+                Work::TryClosing | Work::Close => {}
             }
+            let turn = Turn::new(device, params, inner.len() + 1, work, steps.is_empty());
             let (step, info) = self.solve(&turn, refined)?;
             let mut next = self.drift.clone();
             step.advect(device, flow, &self.skin.triangles, &mut next)?;
@@ -81,7 +86,7 @@ impl Body<'_> {
             gaps.push(gap);
             let reached = gap <= params.gap_p99;
             // Finer cells may close what coarse ones could not.
-            let stalled = gap > STALLED * last && turn.work == Work::Close;
+            let stalled = gap > STALLED * last && work == Work::Close;
             if reached || gap < last {
                 self.drift = next;
                 last = gap;
@@ -91,6 +96,7 @@ impl Body<'_> {
                 let stop = if reached { Stop::Reached } else { Stop::Stalled };
                 return Ok((steps, Course { inner, gaps, stop }));
             }
+            work = next_work(params, work, inner.len(), gap);
         }
         Ok((steps, Course { inner, gaps, stop: Stop::Limit }))
     }
@@ -109,11 +115,27 @@ impl Body<'_> {
         }
         let surface = Surface::new(self.skin.mesh(&self.drift.points));
         let (field, info) = turn.solve(&surface, &displacement(&surface))?;
-        Ok((Step::new(field, surface, turn.work == Work::Close), info))
+        Ok((Step::new(field, surface, turn.work.closes()), info))
     }
 
     /// The gap of the outer skin with the body's points at `points`.
     fn gap(&self, points: &[Vec3]) -> Gap {
         Gap::measure(&self.skin.of(points), &self.skin.of(self.target), self.areas)
     }
+}
+
+/// What comes after `done` outer iterations, the last of which did `work` and left `gap` [m].
+fn next_work(params: &Params, work: Work, done: usize, gap: f64) -> Work {
+    match work {
+        Work::Band if done < params.coarse_iterations => Work::Band,
+        Work::Band if params.refinement > 1 && gap <= GAIN * params.gap_p99 => Work::TryClosing,
+        Work::Band | Work::TryClosing if params.refinement > 1 => Work::Refine,
+        _ => Work::Close,
+    }
+}
+
+/// Takes the last step that was solved in the whole band, and those that closed after it, away.
+fn band_step(steps: &mut Vec<Step>) -> Option<Step> {
+    let band = steps.iter().rposition(|step| !step.closing)?;
+    steps.drain(band..).next()
 }

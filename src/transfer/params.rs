@@ -44,11 +44,6 @@ pub struct Params {
     pub closing_band: f64,
     /// How many times smaller the cells near the skin are; 1 leaves refinement out.
     pub refinement: usize,
-    /// How often the boundary's data are corrected in place in the first outer iteration and in
-    /// its refinement. Two halve the gap for less than a further outer iteration costs, but go the
-    /// whole way in one step: where a body folds that squeezes cloth more (smallest determinant
-    /// on a very heavy man -0.37 instead of 0.21).
-    pub corrections: usize,
     /// Most iterations of the outer loop.
     pub outer_iterations: usize,
     /// The outer loop ends when the 99th percentile of the outer skin's gap is below [m].
@@ -81,7 +76,6 @@ impl Default for Params {
             coarse_iterations: 1,
             closing_band: 0.04,
             refinement: 2,
-            corrections: 0,
             outer_iterations: 10,
             gap_p99: 4e-4,
             gap_accepted: 2e-3,

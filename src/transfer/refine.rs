@@ -55,14 +55,19 @@ impl Overlay {
     }
 
     /// The coarse nodes that take the displacement of the fine field `u`, which is written to
-    /// `displacement`: those a coarse cell or more within the rim, and all of the body's inside.
+    /// `displacement`: those of coarse cells that the skin may cut, those a coarse cell or more
+    /// within the rim, and all of the body's inside.
     pub fn hold(&self, coarse: &Domain, u: &[Vec3], displacement: &mut [Vec3]) -> Vec<bool> {
+        let at_skin = self.at_skin(coarse);
+        let any = |flags: &[bool], i: usize| {
+            coarse.node_cells[i].iter().any(|&cell| cell != NONE && flags[cell as usize])
+        };
+        let deep: Vec<bool> = coarse.kinds.iter().map(|&kind| kind == Kind::Deep).collect();
         let hold = |(i, place): (usize, &mut Vec3)| {
-            let deep = |&cell: &u32| cell != NONE && coarse.kinds[cell as usize] == Kind::Deep;
             let Some(j) = self.domain.find_node(coarse.nodes[i].map(|c| c * self.ratio)) else {
-                return coarse.node_cells[i].iter().any(deep);
+                return any(&deep, i);
             };
-            let held = !self.rim[j] && (self.near_skin(j) || self.is_covered(coarse.nodes[i]));
+            let held = !self.rim[j] && (any(&at_skin, i) || self.is_covered(coarse.nodes[i]));
             if held {
                 *place = u[j];
             }
@@ -71,20 +76,27 @@ impl Overlay {
         displacement.iter_mut().enumerate().map(hold).collect()
     }
 
-    /// Whether the skin may cut a cell around fine node `j`, or lies outside of one.
-    fn near_skin(&self, j: usize) -> bool {
-        let near = |cell: usize| self.active[cell].cut || self.active[cell].kind == Kind::Deep;
-        self.domain.node_cells[j].iter().any(|&cell| cell != NONE && near(cell as usize))
+    /// Whether each coarse cell holds a fine one that the skin may cut or that lies within it.
+    fn at_skin(&self, coarse: &Domain) -> Vec<bool> {
+        let mut at_skin = vec![false; coarse.cells.len()];
+        for active in self.active.iter().filter(|active| active.cut || active.kind == Kind::Deep) {
+            if let Some(cell) = coarse.find_cell(parent(active.cell, self.ratio)) {
+                at_skin[cell] = true;
+            }
+        }
+        at_skin
     }
 
-    /// Whether fine cells fill the eight coarse cells around a coarse node.
+    /// Whether no node of the rim is nearer to a coarse node than a coarse cell.
     fn is_covered(&self, node: Coordinates) -> bool {
-        let span = 2 * self.ratio;
-        let fine = |k: i32| {
-            let offset = [k / span / span, k / span % span, k % span];
-            self.domain.find_cell(std::array::from_fn(|d| (node[d] - 1) * self.ratio + offset[d]))
+        let span = 2 * self.ratio - 1;
+        let on_rim = |k: i32| {
+            let offset = [k / span / span, k / span % span, k % span].map(|o| o - self.ratio + 1);
+            let near = offset.iter().map(|o| o * o).sum::<i32>() < self.ratio * self.ratio;
+            let at = std::array::from_fn(|d| node[d] * self.ratio + offset[d]);
+            near && self.domain.find_node(at).is_some_and(|j| self.rim[j])
         };
-        (0..span.pow(3)).all(|k| fine(k).is_some())
+        !(0..span.pow(3)).any(on_rim)
     }
 }
 

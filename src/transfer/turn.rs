@@ -19,10 +19,19 @@ const SHIFTS: [f64; 4] = [0.0, 0.5, 0.25, 0.75];
 pub(super) enum Work {
     /// Solves the flow in the whole band.
     Band,
-    /// Solves the flow of the iteration before once more, with finer cells near the skin.
+    /// Closes what is left near the skin with the band's cells.
+    TryClosing,
+    /// Solves the last flow of the whole band once more, with finer cells near the skin.
     Refine,
-    /// Closes what is left with finer cells near the skin.
+    /// Closes what is left near the skin with the finer cells.
     Close,
+}
+
+impl Work {
+    /// Whether it only closes what other iterations left.
+    pub fn closes(self) -> bool {
+        matches!(self, Work::TryClosing | Work::Close)
+    }
 }
 
 /// What one outer iteration is solved with.
@@ -37,21 +46,16 @@ pub(super) struct Turn<'a> {
 }
 
 impl<'a> Turn<'a> {
-    /// After `done` iterations. Finer cells keep `beta h^2 / nu`.
-    pub fn new(device: &'a Device, params: &'a Params, done: usize) -> Turn<'a> {
-        let refines = params.refinement > 1;
-        let work = match done {
-            _ if done < params.coarse_iterations => Work::Band,
-            _ if done == params.coarse_iterations && refines => Work::Refine,
-            _ => Work::Close,
-        };
-        let refinement = if work == Work::Band { 1.0 } else { params.refinement as f64 };
-        let first = done == 0 || (done == 1 && work == Work::Refine);
+    /// Outer iteration `number`, from 1; `first` if the body is still where it was. Finer cells
+    /// keep `beta h^2 / nu`.
+    pub fn new(device: &'a Device, params: &'a Params, number: usize, work: Work, first: bool) -> Turn<'a> {
+        let finer = matches!(work, Work::Refine | Work::Close);
+        let refinement = if finer { params.refinement as f64 } else { 1.0 };
         let stiffening = if first { 1.0 } else { params.stiffening };
         Turn {
             device,
             params,
-            number: done + 1,
+            number,
             work,
             cell: params.cell / refinement,
             beta: params.beta * stiffening * refinement * refinement,
@@ -61,14 +65,11 @@ impl<'a> Turn<'a> {
     /// The flow that moves the points of `surface` by `displacement` [m].
     pub fn solve(&self, surface: &Surface, displacement: &[Vec3]) -> Result<(Field, InnerInfo), Error> {
         let (domain, active) = self.band(surface)?;
-        let fixed = if self.work == Work::Close { rim(&domain, &active) } else { Vec::new() };
+        let fixed = if self.work.closes() { rim(&domain, &active) } else { Vec::new() };
         let boundary = self.boundary(&domain, surface, displacement, &active);
         let mut u = vec![Vec3::zeros(); domain.nodes.len()];
-        let mut problem = Problem::new(self.device, self.params, &domain, &boundary, &fixed, &u)?;
-        let mut info = problem.solve(&mut u)?;
-        if self.work == Work::Band && self.number == 1 {
-            self.correct(&mut problem, &boundary, &domain, &mut u, &mut info)?;
-        }
+        let problem = Problem::new(self.device, self.params, &domain, &boundary, &fixed, &u)?;
+        let info = problem.solve(&mut u)?;
         drop(problem);
         self.check(&u)?;
         Ok((Field { domain, displacement: u }, info))
@@ -86,14 +87,13 @@ impl<'a> Turn<'a> {
         let fine = Overlay::new(&coarse.domain, surface, params.refinement as i32, params.closing_band)?;
         let boundary = self.boundary(&fine.domain, surface, displacement, &fine.active);
         let mut u = fine.interpolate(coarse);
-        let mut problem = Problem::new(self.device, params, &fine.domain, &boundary, &fine.rim, &u)?;
+        let problem = Problem::new(self.device, params, &fine.domain, &boundary, &fine.rim, &u)?;
         let mut info = problem.solve(&mut u)?;
         info.then(self.solve_outside(coarse, &fine, &u)?);
         let outside = fine.interpolate(coarse);
         u.iter_mut().zip(outside).zip(&fine.rim).filter(|(_, rim)| **rim).for_each(|((u, at), _)| *u = at);
-        problem.set_load(&boundary.load, &u)?;
+        problem.hold(&u)?;
         info.then(problem.solve(&mut u)?);
-        self.correct(&mut problem, &boundary, &fine.domain, &mut u, &mut info)?;
         drop(problem);
         self.check(&u)?;
         Ok((Field { domain: fine.domain, displacement: u }, info))
@@ -106,27 +106,6 @@ impl<'a> Turn<'a> {
         let problem = Problem::new(self.device, self.params, domain, &none, &held, start)?;
         let info = problem.solve(&mut coarse.displacement)?;
         Ok(info)
-    }
-
-    /// Asks for more where the field misses the surface's displacement, and solves again.
-    fn correct(
-        &self,
-        problem: &mut Problem<'_>,
-        boundary: &Boundary,
-        domain: &Domain,
-        u: &mut [Vec3],
-        info: &mut InnerInfo,
-    ) -> Result<(), Error> {
-        let mut asked = boundary.wanted();
-        for _ in 0..self.params.corrections {
-            let miss = boundary.correct(domain, u, &mut asked);
-            problem.set_load(&boundary.load_for(domain, &asked), u)?;
-            info.then(problem.solve(u)?);
-            if miss < self.params.inner_tolerance {
-                break;
-            }
-        }
-        Ok(())
     }
 
     fn check(&self, u: &[Vec3]) -> Result<(), Error> {
@@ -146,7 +125,7 @@ impl<'a> Turn<'a> {
 
     /// The narrow band around `surface`.
     fn band(&self, surface: &Surface) -> Result<(Domain, Vec<Active>), Error> {
-        let band = if self.work == Work::Close { self.params.closing_band } else { self.params.band };
+        let band = if self.work.closes() { self.params.closing_band } else { self.params.band };
         let (lo, hi) = surface.mesh().bounds().ok_or(Error::Empty)?;
         let origin = lo.add_scalar(-self.cell * SHIFTS[self.number % SHIFTS.len()]);
         let lattice = Lattice { origin, cell: self.cell };

@@ -105,11 +105,6 @@ class TransferSettings(CoreModel):
     closing_band: Number = 0.04
     #: How many times smaller the cells near the skin are; 1 leaves refinement out.
     refinement: Count = 2
-    #: How often the boundary's data are corrected in place in the first outer iteration and in its
-    #: refinement. Two halve the gap for less than a further outer iteration costs, but go the whole way in
-    #: one step: where a body folds that squeezes cloth more (smallest determinant on a very heavy man -0.37
-    #: instead of 0.21).
-    corrections: Count = 0
     #: Most iterations of the outer loop.
     outer_iterations: Count = 10
     #: The outer loop ends when the 99th percentile of the outer skin's gap is below [m].

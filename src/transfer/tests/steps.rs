@@ -1,4 +1,4 @@
-//! Tight solves, corrections, refined and closing steps, garments beyond the band, folds.
+//! Tight solves, early stops, refined and closing steps, garments beyond the band, folds.
 
 use super::*;
 
@@ -20,15 +20,28 @@ fn a_tight_solve_is_the_fixed_point_of_the_device() {
 }
 
 #[test]
-fn corrections_bring_the_skin_to_its_target_at_once() {
+fn refinement_waits_until_the_gap_asks_for_it() {
     let source = sphere(Vec3::zeros(), 0.12, 5);
-    let target = mapped(&source, |p| p * 1.15);
-    let left = |corrections: usize| {
-        let params = Params { corrections, outer_iterations: 1, gap_p99: 1e-6, ..Params::default() };
-        prepare(&Device::cpu(), &source, &target, &params).unwrap().near(&[]).gap.mean
+    let target = mapped(&source, |p| p * (1.1 + 0.03 * (150.0 * p.y).sin()));
+    let run = |gap_p99: f64| {
+        let params = Params { gap_p99, ..Params::default() };
+        prepare(&Device::cpu(), &source, &target, &params).unwrap()
     };
-    let (without, one, two) = (left(0), left(1), left(2));
-    assert!(one < 0.3 * without && two < one, "{without} {one} {two}");
+    let first = run(1.0).course.gaps[0];
+    let cells = |prepared: &Prepared| -> Vec<(bool, f64)> {
+        prepared.flow.steps.iter().map(|step| (step.closing, step.field.domain.lattice.cell)).collect()
+    };
+    // A closing step on the band's cells is enough, and nothing is refined.
+    let early = run(0.7 * first);
+    assert_eq!((early.course.stop, cells(&early)), (Stop::Reached, vec![(false, 0.02), (true, 0.02)]));
+    // It is not tried where it cannot be enough.
+    let fine = run(0.2 * first);
+    assert_eq!(fine.course.stop, Stop::Reached);
+    assert!(fine.flow.steps[0].fine.is_some() && fine.flow.steps[1..].iter().all(|s| s.closing));
+    // Where it was tried in vain it is taken back: no step of that size is left.
+    let vain = run(0.95 * early.course.gaps[1]);
+    assert!(first < 3.0 * 0.95 * early.course.gaps[1] && vain.course.gaps[..2] == early.course.gaps[..2]);
+    assert!(vain.flow.steps[0].fine.is_some() && cells(&vain)[1..].iter().all(|c| c.1 < 0.02));
 }
 
 /// The sphere that is to be waved, with its first step refined.
