@@ -68,18 +68,31 @@ impl Strain {
 }
 
 /// Weighted percentiles of (value, weight): for each fraction the smallest value that at least
-/// that fraction of the weight does not exceed. Sorts `values`; 0 without weight.
+/// that fraction of the weight does not exceed. Reorders `values`; 0 without weight.
 pub fn percentiles<const N: usize>(values: &mut [(f64, f64)], fractions: [f64; N]) -> [f64; N] {
-    values.sort_by(|a, b| a.0.total_cmp(&b.0));
     let total: f64 = values.iter().map(|v| v.1).sum();
-    fractions.map(|fraction| {
-        let mut sum = 0.0;
-        let reached = values.iter().find(|(_, weight)| {
-            sum += weight;
-            sum >= fraction * total
-        });
-        reached.or(values.last()).map_or(0.0, |v| v.0)
-    })
+    fractions.map(|fraction| percentile(values, fraction * total))
+}
+
+/// The smallest value that `weight` of the whole weight does not exceed, by halves [Hoare 1961].
+fn percentile(mut values: &mut [(f64, f64)], mut weight: f64) -> f64 {
+    let mut last = 0.0;
+    while !values.is_empty() {
+        let half = values.len() / 2;
+        let (low, middle, high) = values.select_nth_unstable_by(half, |a, b| a.0.total_cmp(&b.0));
+        let below: f64 = low.iter().map(|v| v.1).sum();
+        if below >= weight && !low.is_empty() {
+            values = low;
+            continue;
+        }
+        last = middle.0;
+        weight -= below + middle.1;
+        if weight <= 0.0 {
+            break;
+        }
+        values = high;
+    }
+    last
 }
 
 #[cfg(test)]

@@ -28,11 +28,28 @@ pub fn mesh_intersections(a: &Surface, b: &Surface) -> Vec<[u32; 2]> {
 
 /// Pairs of triangles of one mesh that intersect, each once with the smaller index first, sorted.
 pub fn self_intersections(surface: &Surface) -> Vec<[u32; 2]> {
-    let mesh = surface.mesh();
-    pairs(surface, surface, &|i, j| {
-        let (i, j) = (i as usize, j as usize);
-        i < j && triangles_meet(&mesh.points, &mesh.triangles[i], &mesh.triangles[j])
-    })
+    let (mesh, nodes) = (surface.mesh(), surface.nodes());
+    let corners = |t: u32| &mesh.triangles[t as usize];
+    let after = |i: usize| {
+        // What stands before a leaf has met it already.
+        let (own, mut found, mut at) = (&nodes[i], Vec::new(), i + 1);
+        while let Some(node) = nodes.get(at) {
+            if !node.overlaps(&own.lo.into(), &own.hi.into()) {
+                at = node.skip as usize;
+                continue;
+            }
+            let (s, t) = (own.triangle.min(node.triangle), own.triangle.max(node.triangle));
+            if node.is_leaf() && triangles_meet(&mesh.points, corners(s), corners(t)) {
+                found.push([s, t]);
+            }
+            at += 1;
+        }
+        found
+    };
+    let leaves = (0..nodes.len()).into_par_iter().filter(|&i| nodes[i].is_leaf());
+    let mut found: Vec<[u32; 2]> = leaves.flat_map_iter(after).collect();
+    found.sort_unstable();
+    found
 }
 
 fn pairs(a: &Surface, b: &Surface, meet: &(dyn Fn(u32, u32) -> bool + Sync)) -> Vec<[u32; 2]> {
@@ -61,17 +78,34 @@ pub fn triangles_meet(points: &[Vec3], s: &[u32; 3], t: &[u32; 3]) -> bool {
     }
     let at = |x: &[u32; 3], k: usize| points[x[k % 3] as usize];
     let (ps, pt) = ([0, 1, 2].map(|k| at(s, k)), [0, 1, 2].map(|k| at(t, k)));
-    let shared: Vec<(usize, usize)> =
-        (0..3).filter_map(|i| t.iter().position(|p| *p == s[i]).map(|j| (i, j))).collect();
-    match shared[..] {
+    let (mut shared, mut count) = ([(0, 0); 3], 0);
+    for i in 0..3 {
+        if let Some(j) = t.iter().position(|p| *p == s[i]) {
+            shared[count] = (i, j);
+            count += 1;
+        }
+    }
+    match shared[..count] {
         [] => meet_apart(&ps, &pt),
         [(i, j)] => {
-            segment_meets_triangle(&at(s, i + 1), &at(s, i + 2), &pt)
-                || segment_meets_triangle(&at(t, j + 1), &at(t, j + 2), &ps)
+            let (s, t) = ([at(s, i + 1), at(s, i + 2)], [at(t, j + 1), at(t, j + 2)]);
+            !apart_around(&ps[i], &s, &t)
+                && (segment_meets_triangle(&s[0], &s[1], &pt) || segment_meets_triangle(&t[0], &t[1], &ps))
         }
         [(i0, j0), (i1, j1)] => folded_over(&at(s, i0), &at(s, i1), &at(s, 3 - i0 - i1), &at(t, 3 - j0 - j1)),
         _ => true,
     }
+}
+
+/// Whether a plane through `v`, across the way from one pair of points to the other, has them surely on
+/// its two sides; most triangles that share a point are so.
+fn apart_around(v: &Vec3, s: &[Vec3; 2], t: &[Vec3; 2]) -> bool {
+    let (s, t) = (s.map(|p| p - v), t.map(|p| p - v));
+    let way = (t[0] + t[1]).normalize() - (s[0] + s[1]).normalize();
+    // Rounding of differences, products and sums is below 1e-15 of the terms. What is no number fails.
+    let height = |d: &Vec3| (d.dot(&way), 1e-14 * d.abs().dot(&way.abs()));
+    let (below, above) = (|h: (f64, f64)| h.0 < -h.1, |h: (f64, f64)| h.0 > h.1);
+    s.iter().all(|d| below(height(d))) && t.iter().all(|d| above(height(d)))
 }
 
 /// Whether two triangles without shared points have a point in common.

@@ -1,9 +1,9 @@
 //! Questions about surfaces that several stages ask: closest point, inside or outside,
 //! which triangles cross.
 //!
-//! - [`Surface`]: a triangle mesh with a bounding volume hierarchy. Closest points and rays go
-//!   through parry's tree, best candidates first; winding numbers and box queries, and the
-//!   device's twins, go through the same tree flattened ([`bvh`]).
+//! - [`Surface`]: a triangle mesh with a bounding volume hierarchy ([`bvh`]), which closest points,
+//!   rays, winding numbers, box queries and the device's twins go through.
+//! - [`topology`]: which triangles meet at an edge and around a point.
 //! - [`winding`]: hierarchical winding numbers [Barill 2018], which tell inside from outside
 //!   also for surfaces with holes [Jacobson 2013].
 //! - [`patch`]: closest points and crossings for many points close together.
@@ -24,6 +24,7 @@ pub mod sdf;
 pub mod skin;
 pub mod skinning;
 pub mod surface;
+pub mod topology;
 pub mod triangle;
 pub mod winding;
 

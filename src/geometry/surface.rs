@@ -1,12 +1,9 @@
 //! A triangle mesh that answers questions.
 
-use std::collections::HashMap;
-use std::sync::OnceLock;
-
-use parry3d_f64::partitioning::Bvh;
-use parry3d_f64::query::Ray;
+use std::sync::{Arc, OnceLock};
 
 use super::bvh::{self, Node};
+use super::topology::Topology;
 use super::triangle;
 use super::winding::{self, Moments};
 use crate::model::{TriMesh, Vec3};
@@ -35,29 +32,23 @@ pub struct Hit {
     pub distance: f64,
 }
 
-/// A mesh with its hierarchy; winding-number moments and pseudo-normals of edges are made when
-/// they are first asked for.
+/// A mesh with its hierarchy. All else (winding-number moments, pseudo-normals, what is next to
+/// what) is made when it is first asked for.
 ///
 /// Surfaces need not be closed, clean or connected. Edge `k` of a triangle is the one
 /// opposite to its corner `k`.
 #[derive(Clone)]
 pub struct Surface {
     mesh: TriMesh,
-    tree: Bvh,
     nodes: Vec<Node>,
-    point_normals: Vec<Vec3>,
-    // Not every stage asks for these, and they take longer than the hierarchy.
+    /// Shared with surfaces that differ in the points alone.
+    topology: Arc<OnceLock<Topology>>,
+    /// Whether this was moved, to be asked a few questions before it is moved again: then single
+    /// pseudo-normals are cheaper than all.
+    moved: bool,
     moments: OnceLock<Vec<Moments>>,
-    features: OnceLock<Features>,
-    closed: OnceLock<bool>,
-}
-
-/// What belongs to edges, and the points on open ones.
-#[derive(Clone)]
-struct Features {
-    edge_normals: Vec<[Vec3; 3]>,
-    open_points: Vec<bool>,
-    open_edges: Vec<[bool; 3]>,
+    point_normals: OnceLock<Vec<Vec3>>,
+    edge_normals: OnceLock<Vec<[Vec3; 3]>>,
 }
 
 impl std::fmt::Debug for Surface {
@@ -73,8 +64,8 @@ impl Surface {
     /// # Panics
     /// If a triangle names a point that is not there; meshes are checked where they are read.
     pub fn new(mesh: TriMesh) -> Surface {
-        let tree = bvh::build(&mesh);
-        Surface::over(mesh, tree, OnceLock::new())
+        let nodes = bvh::build(&mesh);
+        Surface::over(mesh, nodes, Arc::default(), false)
     }
 
     /// The surface with its points elsewhere. The hierarchy is refitted and not built again: it answers
@@ -85,16 +76,14 @@ impl Surface {
     pub fn moved(&self, points: Vec<Vec3>) -> Surface {
         assert_eq!(points.len(), self.mesh.points.len(), "the same points");
         let mesh = TriMesh { points, triangles: self.mesh.triangles.clone() };
-        let mut tree = self.tree.clone();
-        bvh::refit(&mut tree, &mesh);
-        Surface::over(mesh, tree, self.closed.clone())
+        let mut nodes = self.nodes.clone();
+        bvh::refit(&mut nodes, &mesh);
+        Surface::over(mesh, nodes, Arc::clone(&self.topology), true)
     }
 
-    fn over(mesh: TriMesh, tree: Bvh, closed: OnceLock<bool>) -> Surface {
-        let nodes = bvh::flatten(&tree);
-        let point_normals = mesh.point_normals();
-        let (moments, features) = (OnceLock::new(), OnceLock::new());
-        Surface { mesh, tree, nodes, point_normals, moments, features, closed }
+    fn over(mesh: TriMesh, nodes: Vec<Node>, topology: Arc<OnceLock<Topology>>, moved: bool) -> Surface {
+        let (moments, point_normals, edge_normals) = (OnceLock::new(), OnceLock::new(), OnceLock::new());
+        Surface { mesh, nodes, topology, moved, moments, point_normals, edge_normals }
     }
 
     /// The mesh.
@@ -114,42 +103,36 @@ impl Surface {
 
     /// Pseudo-normals of the points: unit, angle-weighted.
     pub fn point_normals(&self) -> &[Vec3] {
-        &self.point_normals
+        self.point_normals.get_or_init(|| self.mesh.point_normals())
     }
 
     /// Pseudo-normals of the edges of each triangle: unit sums of the adjacent faces' normals.
     pub fn edge_normals(&self) -> &[[Vec3; 3]] {
-        &self.features().edge_normals
+        self.edge_normals.get_or_init(|| {
+            let topology = self.topology();
+            let normals = |t| [0, 1, 2].map(|k| topology.edge_normal(&self.mesh, t, k));
+            (0..self.mesh.triangles.len() as u32).map(normals).collect()
+        })
     }
 
     /// Whether each point lies on an open edge.
     pub fn open_points(&self) -> &[bool] {
-        &self.features().open_points
+        &self.topology().open_points
     }
 
     /// Whether each edge of each triangle belongs to that triangle alone.
     pub fn open_edges(&self) -> &[[bool; 3]] {
-        &self.features().open_edges
+        &self.topology().open_edges
     }
 
     /// Whether the surface has no border: every edge is passed as often one way as the other.
     /// Then the winding number is a whole number that changes only across triangles.
     pub fn is_closed(&self) -> bool {
-        *self.closed.get_or_init(|| is_closed(&self.mesh))
+        self.topology().closed
     }
 
-    fn features(&self) -> &Features {
-        self.features.get_or_init(|| {
-            let (edge_normals, open_edges) = edge_features(&self.mesh);
-            let mut open_points = vec![false; self.mesh.points.len()];
-            for (tri, open) in self.mesh.triangles.iter().zip(&open_edges) {
-                for k in (0..3).filter(|&k| open[k]) {
-                    open_points[tri[(k + 1) % 3] as usize] = true;
-                    open_points[tri[(k + 2) % 3] as usize] = true;
-                }
-            }
-            Features { edge_normals, open_points, open_edges }
-        })
+    fn topology(&self) -> &Topology {
+        self.topology.get_or_init(|| Topology::new(&self.mesh))
     }
 
     /// The closest point of the surface.
@@ -184,37 +167,26 @@ impl Surface {
 
     /// As [`Surface::closest_within`], among the triangles that `keep` says.
     pub fn closest_among(&self, p: &Vec3, max_distance: f64, keep: impl Fn(u32) -> bool) -> Option<Closest> {
-        let q = bvh::to_parry(p);
-        let found = self.tree.find_best(
-            max_distance,
-            |node, _| {
-                let below = node.mins() - q;
-                let above = q - node.maxs();
-                let out = below.max(above).max(parry3d_f64::math::Vector::ZERO);
-                out.length()
-            },
-            |t, _| {
-                let corners = self.mesh.corners(t as usize);
-                let barycentric = triangle::closest(p, &corners);
-                let point = triangle::at(&corners, &barycentric);
-                keep(t).then(|| ((point - p).norm(), (point, barycentric)))
-            },
-        );
-        let (triangle, (distance, (point, barycentric))) = found?;
-        Some(Closest { point, triangle, barycentric, distance })
+        let on = |t: u32| {
+            let corners = self.mesh.corners(t as usize);
+            let barycentric = triangle::closest(p, &corners);
+            let point = triangle::at(&corners, &barycentric);
+            keep(t).then(|| ((point - p).norm_squared(), (point, barycentric)))
+        };
+        let bound = max_distance * max_distance;
+        let found = bvh::find_best(&self.nodes, bound, |node| node.distance_squared(p), on);
+        let (triangle, squared, (point, barycentric)) = found?;
+        Some(Closest { point, triangle, barycentric, distance: squared.sqrt() })
     }
 
     /// The first triangle that the ray meets within `max` [m], from either side; `direction`
     /// may have any length but zero.
     pub fn ray(&self, origin: &Vec3, direction: &Vec3, max: f64) -> Option<Hit> {
         let unit = direction.try_normalize(0.0)?;
-        let ray = Ray::new(bvh::to_parry(origin), bvh::to_parry(&unit));
-        let found = self.tree.find_best(
-            max,
-            |node, best| node.cast_ray(&ray, best),
-            |t, _| triangle::ray(origin, &unit, &self.mesh.corners(t as usize)),
-        );
-        let (triangle, (distance, barycentric)) = found?;
+        let inverse = unit.map(|x| 1.0 / x);
+        let meets = |t: u32| triangle::ray(origin, &unit, &self.mesh.corners(t as usize));
+        let found = bvh::find_best(&self.nodes, max, |node| node.along_ray(origin, &inverse), meets);
+        let (triangle, distance, barycentric) = found?;
         Some(Hit { triangle, barycentric, distance })
     }
 
@@ -244,9 +216,23 @@ impl Surface {
     pub fn pseudo_normal(&self, closest: &Closest) -> Vec3 {
         let t = closest.triangle as usize;
         match feature(&closest.barycentric) {
-            Feature::Vertex(k) => self.point_normals[self.mesh.triangles[t][k] as usize],
-            Feature::Edge(k) => self.edge_normals()[t][k],
+            Feature::Vertex(k) => self.point_normal(self.mesh.triangles[t][k]),
+            Feature::Edge(k) => self.edge_normal(t, k),
             Feature::Face => self.mesh.area_normal(t).try_normalize(0.0).unwrap_or_else(Vec3::zeros),
+        }
+    }
+
+    fn point_normal(&self, point: u32) -> Vec3 {
+        match self.point_normals.get() {
+            None if self.moved => self.topology().point_normal(&self.mesh, point),
+            _ => self.point_normals()[point as usize],
+        }
+    }
+
+    fn edge_normal(&self, t: usize, k: usize) -> Vec3 {
+        match self.edge_normals.get() {
+            None if self.moved => self.topology().edge_normal(&self.mesh, t as u32, k as u32),
+            _ => self.edge_normals()[t][k],
         }
     }
 
@@ -275,42 +261,6 @@ fn feature(barycentric: &[f64; 3]) -> Feature {
         }
     }
     zero.iter().position(|&z| z).map_or(Feature::Face, Feature::Edge)
-}
-
-/// Pseudo-normals of the edges of each triangle, and whether no other triangle has the edge.
-fn edge_features(mesh: &TriMesh) -> (Vec<[Vec3; 3]>, Vec<[bool; 3]>) {
-    let key = |tri: &[u32; 3], k: usize| {
-        let (a, b) = (tri[(k + 1) % 3], tri[(k + 2) % 3]);
-        (a.min(b), a.max(b))
-    };
-    let mut sums: HashMap<(u32, u32), (Vec3, u32)> = HashMap::with_capacity(mesh.triangles.len() * 3 / 2);
-    for (t, tri) in mesh.triangles.iter().enumerate() {
-        let normal = mesh.area_normal(t).try_normalize(0.0).unwrap_or_else(Vec3::zeros);
-        for k in 0..3 {
-            let (sum, count) = sums.entry(key(tri, k)).or_insert((Vec3::zeros(), 0));
-            *sum += normal;
-            *count += 1;
-        }
-    }
-    mesh.triangles
-        .iter()
-        .map(|tri| {
-            let edges = [0, 1, 2].map(|k| sums[&key(tri, k)]);
-            let normals = edges.map(|(sum, _)| sum.try_normalize(0.0).unwrap_or_else(Vec3::zeros));
-            (normals, edges.map(|(_, count)| count == 1))
-        })
-        .unzip()
-}
-
-fn is_closed(mesh: &TriMesh) -> bool {
-    let mut passes: HashMap<(u32, u32), i32> = HashMap::with_capacity(mesh.triangles.len() * 3 / 2);
-    for tri in &mesh.triangles {
-        for k in 0..3 {
-            let (a, b) = (tri[k], tri[(k + 1) % 3]);
-            *passes.entry((a.min(b), a.max(b))).or_insert(0) += if a < b { 1 } else { -1 };
-        }
-    }
-    passes.iter().all(|((a, b), count)| a == b || *count == 0)
 }
 
 #[cfg(test)]
@@ -397,19 +347,8 @@ pub(crate) mod tests {
             assert!((moved.winding_number(&p) - new.winding_number(&p)).abs() < 2e-3);
             let hits = [&moved, &new].map(|s| s.ray(&p, &-p, 4.0).map(|hit| hit.distance));
             assert_eq!(hits[0], hits[1]);
+            assert!((moved.pseudo_normal(&a) - new.pseudo_normal(&a)).norm() < 1e-12);
         }
-    }
-
-    #[test]
-    fn closed_means_no_border_and_one_orientation() {
-        let ball = sphere(5, 6);
-        assert!(Surface::new(ball.clone()).is_closed());
-        let mut holed = ball.clone();
-        holed.triangles.pop();
-        assert!(!Surface::new(holed).is_closed());
-        let mut turned = ball;
-        turned.triangles[3].swap(0, 1);
-        assert!(!Surface::new(turned).is_closed());
     }
 
     #[test]

@@ -8,6 +8,7 @@ use crate::model::Vec3;
 ///
 /// [Ericson 2005, 5.1.5]. A coordinate is exactly zero where the closest feature is an edge
 /// or a vertex.
+#[inline]
 pub fn closest(p: &Vec3, corners: &[Vec3; 3]) -> [f64; 3] {
     let [a, b, c] = corners;
     let (ab, ac, ap) = (b - a, c - a, p - a);

@@ -31,7 +31,7 @@ pub const OPENING: f64 = 3.5;
 pub struct Moments {
     /// Centre p of the expansion: area-weighted centroid [m].
     pub center: [f64; 3],
-    /// Distance from the centre to the farthest corner of a triangle [m].
+    /// Distance from the centre to the farthest corner of a triangle, or a bound of it [m].
     pub radius: f64,
     /// N: integral of the normal [m^2].
     pub normal: [f64; 3],
@@ -43,7 +43,10 @@ pub struct Moments {
     pub cubic: [f64; 10],
 }
 
-/// Moments of every node, children before parents; n log n for the radii.
+/// Clusters of up to this many nodes have their exact radius, larger ones a bound of it.
+const EXACT: u32 = 8;
+
+/// Moments of every node, children before parents.
 pub(crate) fn moments(mesh: &TriMesh, nodes: &[Node]) -> Vec<Moments> {
     let mut all = vec![Moments::zeroed(); nodes.len()];
     for i in (0..nodes.len()).rev() {
@@ -53,13 +56,24 @@ pub(crate) fn moments(mesh: &TriMesh, nodes: &[Node]) -> Vec<Moments> {
         } else {
             join(&all[i + 1], &all[nodes[i + 1].skip as usize])
         };
-        let center = Vec3::from(m.center);
-        let leaves = nodes[i..node.skip as usize].iter().filter(|leaf| leaf.is_leaf());
-        let corners = leaves.flat_map(|leaf| mesh.corners(leaf.triangle as usize));
-        m.radius = corners.map(|p| (p - center).norm_squared()).fold(0.0, f64::max).sqrt();
+        m.radius = radius(mesh, nodes, &all, i, &Vec3::from(m.center));
         all[i] = m;
     }
     all
+}
+
+/// Radius of node `i` about `center`: that of its children's balls or of its box where it has many nodes.
+fn radius(mesh: &TriMesh, nodes: &[Node], all: &[Moments], i: usize, center: &Vec3) -> f64 {
+    let node = &nodes[i];
+    if node.skip - i as u32 > EXACT {
+        let ball = |c: usize| (Vec3::from(all[c].center) - center).norm() + all[c].radius;
+        let corner = |k: usize| (center[k] - node.lo[k]).max(node.hi[k] - center[k]);
+        let balls = ball(i + 1).max(ball(nodes[i + 1].skip as usize));
+        return balls.min(Vec3::new(corner(0), corner(1), corner(2)).norm());
+    }
+    let leaves = nodes[i..node.skip as usize].iter().filter(|leaf| leaf.is_leaf());
+    let corners = leaves.flat_map(|leaf| mesh.corners(leaf.triangle as usize));
+    corners.map(|p| (p - center).norm_squared()).fold(0.0, f64::max).sqrt()
 }
 
 fn leaf(mesh: &TriMesh, t: usize) -> Moments {

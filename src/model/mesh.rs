@@ -15,11 +15,14 @@ pub struct TriMesh {
 
 impl TriMesh {
     /// The three corners of triangle `t`.
+    #[inline]
     pub fn corners(&self, t: usize) -> [Vec3; 3] {
-        self.triangles[t].map(|i| self.points[i as usize])
+        let [a, b, c] = self.triangles[t];
+        [self.points[a as usize], self.points[b as usize], self.points[c as usize]]
     }
 
     /// Twice-area-weighted normal of triangle `t` (not normalised) [m^2].
+    #[inline]
     pub fn area_normal(&self, t: usize) -> Vec3 {
         let [a, b, c] = self.corners(t);
         (b - a).cross(&(c - a))
@@ -29,20 +32,23 @@ impl TriMesh {
     pub fn point_normals(&self) -> Vec<Vec3> {
         let mut normals = vec![Vec3::zeros(); self.points.len()];
         for t in 0..self.triangles.len() {
-            let corners = self.corners(t);
             let Some(n) = self.area_normal(t).try_normalize(0.0) else {
                 continue;
             };
+            let corners = self.corners(t);
             for k in 0..3 {
-                let e0 = corners[(k + 1) % 3] - corners[k];
-                let e1 = corners[(k + 2) % 3] - corners[k];
-                normals[self.triangles[t][k] as usize] += n * e0.angle(&e1);
+                normals[self.triangles[t][k] as usize] += n * angle(&corners, k);
             }
         }
         for n in &mut normals {
             *n = n.try_normalize(0.0).unwrap_or_else(Vec3::zeros);
         }
         normals
+    }
+
+    /// The angle of triangle `t` at its corner `k` [rad].
+    pub(crate) fn corner_angle(&self, t: usize, k: usize) -> f64 {
+        angle(&self.corners(t), k)
     }
 
     /// A third of the area of the triangles around each point [m^2].
@@ -72,4 +78,8 @@ impl TriMesh {
         let first = *self.points.first()?;
         Some(self.points.iter().fold((first, first), |(lo, hi), p| (lo.inf(p), hi.sup(p))))
     }
+}
+
+fn angle(corners: &[Vec3; 3], k: usize) -> f64 {
+    (corners[(k + 1) % 3] - corners[k]).angle(&(corners[(k + 2) % 3] - corners[k]))
 }

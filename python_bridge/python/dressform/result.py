@@ -183,6 +183,8 @@ class PoseReport(_Report):
     depth_max_m: float = Field(description="depth of the deepest of them [m]")
     depth_mean_m: float = Field(description="depth over all counted, zero outside [m]")
     overlapped: float = Field(description="fraction where the posed body overlaps itself")
+    faces_inside: float = Field(description="fraction of faces whose centre is inside the body")
+    faces_depth_max_m: float
     edge_stretch: Percentiles = Field(description="edge length over its length in the bind pose")
     edge_stretch_max: float
 

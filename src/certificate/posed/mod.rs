@@ -19,9 +19,9 @@ use serde::{Deserialize, Serialize};
 
 use crate::geometry::skinning::skin_points;
 use crate::geometry::{OuterSkin, Surface};
-use crate::model::{Character, Skin, TriMesh};
+use crate::model::{Character, Skin, TriMesh, Vec3};
 use crate::pose::{Pose, PoseSet};
-pub use resting::{Anchor, Resting, Sunk};
+pub use resting::{Anchor, Place, Resting, Spot, place};
 
 /// Settings of the posed check.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -63,6 +63,11 @@ pub struct PoseFigures {
     /// Fraction of the vertices outside in the bind pose that are inside where the posed body overlaps
     /// itself, by one of the first two tests of the module's head.
     pub overlapped: f64,
+    /// Fraction of the faces outside in the bind pose whose centre is inside the body, counted likewise:
+    /// skin that comes through between vertices.
+    pub faces_inside: f64,
+    /// Depth of the deepest of these centres [m].
+    pub faces_depth_max_m: f64,
     /// Length of edges over their length in the bind pose, at 1, 50 and 99 percent of all length.
     pub edge_stretch: [f64; 3],
     /// Largest stretch of an edge.
@@ -94,8 +99,13 @@ pub fn measure(
 
 /// The body's outer skin in a pose.
 pub fn posed_body(character: &Character, body: &OuterSkin, pose: &Pose) -> Surface {
+    body.surface.moved(posed_points(character, body, pose))
+}
+
+/// The points of the body's outer skin in a pose [m].
+pub fn posed_points(character: &Character, body: &OuterSkin, pose: &Pose) -> Vec<Vec3> {
     let moved = skin_points(&character.body.points, &character.skin, &pose.matrices);
-    body.surface.moved(body.point_of.iter().map(|&i| moved[i as usize]).collect())
+    body.point_of.iter().map(|&i| moved[i as usize]).collect()
 }
 
 /// The chosen poses of a set.

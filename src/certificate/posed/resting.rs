@@ -21,10 +21,21 @@ const TOUCH: f64 = 1e-6;
 /// A garment's mesh with what is known of it in the bind pose.
 pub struct Resting<'a> {
     mesh: &'a TriMesh,
-    /// Vertices outside of the body, each with its closest body point.
-    outside: Vec<(usize, Anchor)>,
+    /// Vertices outside of the body.
+    pub vertices: Vec<Spot>,
+    /// Faces that are outside with their corners, each by its centre.
+    pub faces: Vec<Spot>,
     /// Edges with their lengths [m].
     edges: Vec<([u32; 2], f64)>,
+}
+
+/// A vertex, or the centre of a face, with its closest body point.
+#[derive(Clone, Copy, Debug)]
+pub struct Spot {
+    /// Which one.
+    pub index: usize,
+    /// Its closest body point in the bind pose.
+    pub anchor: Anchor,
 }
 
 /// A point of the body's surface.
@@ -36,23 +47,11 @@ pub struct Anchor {
     pub barycentric: [f64; 3],
 }
 
-/// A vertex that is inside the posed body, and counts.
+/// Where a spot is in a pose.
 #[derive(Clone, Copy, Debug)]
-pub struct Sunk {
-    /// The vertex.
-    pub vertex: usize,
-    /// Its closest body point in the bind pose.
-    pub anchor: Anchor,
-    /// How deep it is [m].
-    pub depth: f64,
-    /// The closest point of the posed skin [m].
-    pub skin: Vec3,
-}
-
-/// Where a vertex is in a pose.
-#[derive(Clone, Copy)]
-enum Place {
-    Outside,
+pub enum Place {
+    /// Outside, and so is all that is nearer to it than this [m].
+    Outside(f64),
     /// Inside; the closest point of the skin.
     Inside(Closest),
     /// Where the body overlaps itself.
@@ -62,46 +61,68 @@ enum Place {
 impl<'a> Resting<'a> {
     /// A mesh, sewn vertices merged, on the body in the bind pose.
     pub fn new(mesh: &'a TriMesh, body: &Surface) -> Resting<'a> {
-        let outside = mesh.points.par_iter().enumerate().filter_map(|(v, p)| {
-            let on = body.closest(p);
+        let bind = |index: usize, p: &Vec3, guess: Option<u32>| {
+            let on = body.closest_from(p, guess);
+            let outward = body.pseudo_normal(&on).dot(&(p - on.point)) >= 0.0;
+            let outside = outward || body.winding_number(p) <= INSIDE;
             let anchor = Anchor { triangle: on.triangle, barycentric: on.barycentric };
-            (body.winding_number(p) <= INSIDE).then_some((v, anchor))
-        });
-        Resting { mesh, outside: outside.collect(), edges: edges(mesh) }
+            outside.then_some(Spot { index, anchor })
+        };
+        let vertices: Vec<Option<Spot>> =
+            mesh.points.par_iter().enumerate().map(|(v, p)| bind(v, p, None)).collect();
+        let face = |t: usize| {
+            let corners = mesh.triangles[t].map(|v| vertices[v as usize]);
+            let guess = corners[0]?.anchor.triangle;
+            corners
+                .iter()
+                .all(Option::is_some)
+                .then(|| bind(t, &centre(mesh, &mesh.points, t), Some(guess)))?
+        };
+        let faces = (0..mesh.triangles.len()).into_par_iter().filter_map(face).collect();
+        Resting { mesh, vertices: vertices.into_iter().flatten().collect(), faces, edges: edges(mesh) }
     }
 
-    /// Vertices that are inside the posed body, of those outside in the bind pose and not where the
-    /// body overlaps itself; `points` are the mesh's in that pose.
-    pub fn sunk(&self, body: &Surface, points: &[Vec3]) -> Vec<Sunk> {
-        let sunk = self.outside.par_iter().filter_map(|&(vertex, anchor)| {
-            match place(body, &points[vertex], &anchor) {
-                Place::Inside(on) => Some(Sunk { vertex, anchor, depth: on.distance, skin: on.point }),
-                _ => None,
-            }
-        });
-        sunk.collect()
+    /// The centre of a face of the mesh at `points`.
+    pub fn centre(&self, points: &[Vec3], face: usize) -> Vec3 {
+        centre(self.mesh, points, face)
+    }
+
+    /// The corners of a face.
+    pub fn corners(&self, face: usize) -> [usize; 3] {
+        self.mesh.triangles[face].map(|v| v as usize)
+    }
+
+    /// Whether a face's centre is outside because a corner is that far from the body: `clear` says for
+    /// each vertex within which distance all is outside, 0 or less if nothing is known [m].
+    pub fn is_clear(&self, points: &[Vec3], clear: &[f64], face: usize) -> bool {
+        let centre = self.centre(points, face);
+        self.corners(face).iter().any(|&v| (centre - points[v]).norm() < clear[v])
     }
 
     /// The figures of one pose.
     pub(super) fn judge(&self, body: &Surface, skin: &Skin, pose: &Pose) -> PoseFigures {
         let points = skin_points(&self.mesh.points, skin, &pose.matrices);
-        let places: Vec<Place> =
-            self.outside.par_iter().map(|(v, anchor)| place(body, &points[*v], anchor)).collect();
-        let depths = places.iter().filter_map(|p| match p {
-            Place::Inside(on) => Some(on.distance),
-            _ => None,
-        });
-        let (inside, sum, deepest) =
-            depths.fold((0usize, 0.0, 0.0), |(n, sum, max), d| (n + 1, sum + d, f64::max(max, d)));
-        let overlapped = places.iter().filter(|p| matches!(p, Place::Overlap)).count();
-        let counted = (places.len() - overlapped).max(1) as f64;
+        let of_vertex = |spot: &Spot| place(body, &points[spot.index], &spot.anchor);
+        let vertices: Vec<Place> = self.vertices.par_iter().map(of_vertex).collect();
+        let mut clear = vec![0.0; points.len()];
+        for (spot, place) in self.vertices.iter().zip(&vertices) {
+            clear[spot.index] = if let Place::Outside(clear) = place { *clear } else { 0.0 };
+        }
+        let of_face = |spot: &Spot| match self.is_clear(&points, &clear, spot.index) {
+            true => Place::Outside(0.0),
+            false => place(body, &self.centre(&points, spot.index), &spot.anchor),
+        };
+        let faces: Vec<Place> = self.faces.par_iter().map(of_face).collect();
+        let (of_vertices, of_faces) = (Tally::new(&vertices), Tally::new(&faces));
         let (edge_stretch, edge_stretch_max) = self.stretch(&points);
         PoseFigures {
             pose: pose.name.clone(),
-            inside: inside as f64 / counted,
-            depth_max_m: deepest,
-            depth_mean_m: sum / counted,
-            overlapped: overlapped as f64 / places.len().max(1) as f64,
+            inside: of_vertices.inside as f64 / of_vertices.counted,
+            depth_max_m: of_vertices.deepest,
+            depth_mean_m: of_vertices.depth / of_vertices.counted,
+            overlapped: of_vertices.overlapped as f64 / vertices.len().max(1) as f64,
+            faces_inside: of_faces.inside as f64 / of_faces.counted,
+            faces_depth_max_m: of_faces.deepest,
             edge_stretch,
             edge_stretch_max,
         }
@@ -118,18 +139,51 @@ impl<'a> Resting<'a> {
     }
 }
 
-fn place(body: &Surface, p: &Vec3, anchor: &Anchor) -> Place {
+/// Sums over places.
+struct Tally {
+    inside: usize,
+    overlapped: usize,
+    counted: f64,
+    depth: f64,
+    deepest: f64,
+}
+
+impl Tally {
+    fn new(places: &[Place]) -> Tally {
+        let mut tally = Tally { inside: 0, overlapped: 0, counted: 0.0, depth: 0.0, deepest: 0.0 };
+        for place in places {
+            match place {
+                Place::Outside(_) => {}
+                Place::Overlap => tally.overlapped += 1,
+                Place::Inside(on) => {
+                    tally.inside += 1;
+                    tally.depth += on.distance;
+                    tally.deepest = tally.deepest.max(on.distance);
+                }
+            }
+        }
+        tally.counted = (places.len() - tally.overlapped).max(1) as f64;
+        tally
+    }
+}
+
+fn centre(mesh: &TriMesh, points: &[Vec3], face: usize) -> Vec3 {
+    mesh.triangles[face].iter().map(|&v| points[v as usize]).sum::<Vec3>() / 3.0
+}
+
+/// Where a point at `p` is in a pose of the body; `anchor` is its own skin.
+pub fn place(body: &Surface, p: &Vec3, anchor: &Anchor) -> Place {
     let corners = body.mesh().corners(anchor.triangle as usize);
     let skin = triangle::at(&corners, &anchor.barycentric);
     // The vertex's own skin bounds the search.
     let reach = (skin - p).norm() * (1.0 + 1e-9) + TOUCH;
-    let Some(on) = body.closest_within(p, reach) else { return Place::Outside };
+    let Some(on) = body.closest_within(p, reach) else { return Place::Outside(0.0) };
     if on.distance <= TOUCH || body.pseudo_normal(&on).dot(&(p - on.point)) >= 0.0 {
-        return Place::Outside;
+        return Place::Outside(on.distance);
     }
     let winding = body.winding_number(p);
     if winding <= INSIDE {
-        return Place::Outside;
+        return Place::Outside(on.distance);
     }
     let outward = (corners[1] - corners[0]).cross(&(corners[2] - corners[0]));
     let above = skin + outward.try_normalize(0.0).unwrap_or_else(Vec3::zeros) * ABOVE_SKIN;

@@ -1,7 +1,6 @@
 use super::*;
 use crate::geometry::skinning::Mat4;
 use crate::geometry::surface::tests::sphere;
-use crate::model::Vec3;
 
 /// Balls of radius 1 at `centers`, each on a joint of its own.
 fn balls(centers: &[Vec3]) -> Character {
@@ -78,6 +77,25 @@ fn where_the_body_overlaps_itself_is_not_counted() {
     // What is left lies in the ring between the balls, no deeper than its height above the skin,
     // though the cloth reaches 0.45 deep into the other ball.
     assert!(found.inside < 0.05 && found.depth_max_m < 0.05, "{found:?}");
+}
+
+#[test]
+fn skin_that_comes_through_between_vertices_is_seen() {
+    // A coarse ball of cloth on a finer one: its faces' centres are 0.94 of the radius from the middle.
+    let character = balls(&[Vec3::zeros()]);
+    let mut mesh = sphere(6, 8);
+    mesh.points.iter_mut().for_each(|p| *p *= 1.3);
+    let (count, faces) = (mesh.points.len(), mesh.triangles.len() as f64);
+    let skin = Skin { influences: 1, joint_indices: vec![1; count], joint_weights: vec![1.0; count] };
+    // The body grows by a quarter: every vertex is still outside, most centres are not.
+    let grown = Mat4::new_scaling(1.25);
+    let centre = |t: usize| mesh.corners(t).iter().sum::<Vec3>().norm() / 3.0;
+    let share = (0..mesh.triangles.len()).filter(|&t| centre(t) < 1.24).count() as f64 / faces;
+    let deepest = (0..mesh.triangles.len()).map(|t| 1.25 - centre(t)).fold(0.0, f64::max);
+    let found = figures(&character, &(mesh, skin), vec![grown, Mat4::identity()]);
+    assert_eq!(found.inside, 0.0);
+    assert!(share > 0.5 && (found.faces_inside - share).abs() < 0.05, "{found:?} {share}");
+    assert!((found.faces_depth_max_m - deepest).abs() < 0.01, "{found:?} {deepest}");
 }
 
 #[test]

@@ -2,21 +2,20 @@
 
 use nalgebra::DVector;
 
-use super::{Contact, Scene};
+use super::Scene;
+use super::contact::Contact;
 use crate::geometry::skinning::transform;
 use crate::model::Vec3;
 use crate::rig::influences;
 
-/// How far above the skin a vertex that has sunk is put, so that the faces around it are out too [m].
-const ABOVE: f64 = 3e-3;
 /// A squared depth counts this many times a squared displacement.
 const PUSH: f64 = 30.0;
 
 /// Weights on `joints` near `now` that put the point `p` out of the body in its `contacts`: with the
 /// metric `H` of [`influences`] (squared displacement when joints turn) and the heights `a_c` above
-/// the skin's plane at which contact `c` has the point for each joint alone, they minimise
+/// its plane at which contact `c` has the point for each joint alone, they minimise
 ///
-/// `(w - now)^T H (w - now) + PUSH sum_c (a_c . w - ABOVE)^2`, `w >= 0`, `sum w = 1`.
+/// `(w - now)^T H (w - now) + PUSH sum_c (a_c . w)^2`, `w >= 0`, `sum w = 1`.
 pub(super) fn run(
     scene: &Scene<'_>,
     p: &Vec3,
@@ -25,13 +24,12 @@ pub(super) fn run(
     now: &DVector<f64>,
 ) -> DVector<f64> {
     let mut h = scene.turns.metric(p, joints) * influences::turn();
-    let mut pull = &h * now;
+    let pull = &h * now;
     for contact in contacts {
         let matrices = &scene.poses[contact.pose].matrices;
-        let height = |&j: &u32| contact.normal.dot(&(transform(&matrices[j as usize], p) - contact.skin));
+        let height = |&j: &u32| contact.normal.dot(&(transform(&matrices[j as usize], p) - contact.on));
         let heights = DVector::from_iterator(joints.len(), joints.iter().map(height));
         h.ger(PUSH, &heights, &heights, 1.0);
-        pull.axpy(PUSH * ABOVE, &heights, 1.0);
     }
     influences::fit(&h, &pull, now, (0..joints.len()).collect())
 }

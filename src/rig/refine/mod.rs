@@ -7,23 +7,30 @@
 //! any joint turns about any axis (the metric of [`super::influences`], which knows no poses). Its
 //! neighbours go along by a screened Poisson equation, so that a correction does not become a dent.
 //!
-//! Corrections may not stretch the cloth much more than it was ([`STRETCH`]); else a share of them is
+//! Corrections may not stretch the cloth much more than it was ([`garment`]); else a share of them is
 //! taken, or none. A few rounds suffice; each garment keeps the round in which it sinks the least.
+//!
+//! Skin also comes through between vertices. So the centres of faces are looked at too ([`contact`]).
 
+mod contact;
 mod fit;
 mod garment;
+mod known;
 
-use std::collections::BTreeMap;
+use std::cell::OnceCell;
 
 use super::cloth::node_mesh;
 use super::influences::Posed;
 use super::{Error, Info, Params, Sewn, check, rows_of, skin};
-use crate::certificate::posed::{Anchor, posed_body};
+use crate::certificate::posed::posed_points;
 use crate::geometry::OuterSkin;
-use crate::geometry::skinning::skin_points;
 use crate::model::{Character, Skin, TriMesh, Vec3};
 use crate::pose::Pose;
+use contact::Sinking;
 use garment::Garment;
+
+/// What has moved by less has not [m].
+const STILL: f64 = 1e-7;
 
 /// A rigged garment.
 pub struct Worn<'a> {
@@ -41,25 +48,10 @@ struct Scene<'a> {
     /// Outer skin of the body.
     body: &'a OuterSkin,
     poses: &'a [Pose],
+    /// Its points in each pose [m].
+    posed: Vec<Vec<Vec3>>,
     turns: Posed,
 }
-
-/// A vertex in the body in one pose.
-#[derive(Clone, Copy)]
-struct Contact {
-    pose: usize,
-    /// The vertex's own skin.
-    anchor: Anchor,
-    /// The closest point of the posed skin [m].
-    skin: Vec3,
-    /// Out of the body, of length 1.
-    normal: Vec3,
-    /// How deep the vertex is [m].
-    depth: f64,
-}
-
-/// Contacts of each node that has any.
-type Contacts = BTreeMap<usize, Vec<Contact>>;
 
 /// Refines the weights of garments that `character` wears; `body` is the outer skin of its body.
 ///
@@ -78,19 +70,20 @@ pub fn run(
     }
     check::body(character, body)?;
     worn.iter().try_for_each(|w| check::cloth(&w.sewn))?;
-    let scene = Scene { character, body, poses, turns: Posed::new(&character.skeleton) };
+    let posed = poses.iter().map(|pose| posed_points(character, body, pose)).collect();
+    let scene = Scene { character, body, poses, posed, turns: Posed::new(&character.skeleton) };
     let meshes: Vec<TriMesh> = worn.iter().map(|w| node_mesh(&w.sewn)).collect();
     let mut garments: Vec<Garment<'_>> =
         worn.iter().zip(&meshes).map(|(w, mesh)| Garment::new(&scene, w, mesh)).collect();
     for round in 0..=params.refine {
-        let found = contacts(&scene, &garments);
-        for (garment, contacts) in garments.iter_mut().zip(&found) {
-            garment.keep_best(contacts);
-            if round < params.refine && !contacts.is_empty() {
-                garment.correct(&scene, contacts, params.jump)?;
+        let found = sinking(&scene, &mut garments);
+        for (garment, sinking) in garments.iter_mut().zip(&found) {
+            garment.keep_best(sinking);
+            if round < params.refine {
+                garment.correct(&scene, sinking, params.jump)?;
             }
         }
-        if found.iter().all(Contacts::is_empty) {
+        if garments.iter().all(|garment| garment.settled) {
             break;
         }
     }
@@ -99,27 +92,22 @@ pub fn run(
         let before = rows_of(w.skin, w.sewn.groups);
         let changed = |node: &&u32| before[**node as usize] != garment.best[**node as usize];
         w.info.refined = nodes.iter().filter(changed).count() as f64 / nodes.len() as f64;
-        let scale = 1.0 / (poses.len() * before.len()) as f64;
+        let scale = 1.0 / (poses.len() * garment.spots()).max(1) as f64;
         w.info.sunk_m = garment.depths.unwrap_or_default().map(|d| d * scale);
         *w.skin = skin(&garment.best, nodes, w.skin.influences);
     }
     Ok(())
 }
 
-/// The contacts of every garment.
-fn contacts(scene: &Scene<'_>, garments: &[Garment<'_>]) -> Vec<Contacts> {
-    let mut found = vec![Contacts::new(); garments.len()];
-    let skins: Vec<Skin> = garments.iter().map(Garment::node_skin).collect();
-    for (p, pose) in scene.poses.iter().enumerate() {
-        let posed = posed_body(scene.character, scene.body, pose);
-        for ((garment, skin), own) in garments.iter().zip(&skins).zip(&mut found) {
-            let points = skin_points(&garment.cloth.mesh.points, skin, &pose.matrices);
-            for sunk in garment.resting.sunk(&posed, &points) {
-                let normal = (sunk.skin - points[sunk.vertex]) / sunk.depth;
-                let contact =
-                    Contact { pose: p, anchor: sunk.anchor, skin: sunk.skin, normal, depth: sunk.depth };
-                own.entry(sunk.vertex).or_default().push(contact);
-            }
+/// Where every garment sinks. A pose in which nothing is to be asked does not pose the body.
+fn sinking(scene: &Scene<'_>, garments: &mut [Garment<'_>]) -> Vec<Sinking> {
+    let mut found: Vec<Sinking> = garments.iter().map(|_| Sinking::default()).collect();
+    for pose in 0..scene.poses.len() {
+        let posed = OnceCell::new();
+        let body = || posed.get_or_init(|| scene.body.surface.moved(scene.posed[pose].clone()));
+        for (garment, own) in garments.iter_mut().zip(&mut found) {
+            garment.look(pose, &body);
+            own.add(pose, garment);
         }
     }
     found
