@@ -5,12 +5,11 @@
 //! too: everything but pairs of the cloth with itself, of which it has the diagonal blocks. So
 //! without self-contact one iteration is enough, and its sparsity is that of the cloth for good.
 //!
-//! The device's matrix leaves out what could make it indefinite. A factor tells whether it does, so
-//! here the true second derivatives of the cloth are tried first and taken where they are positive
-//! definite [Longva et al. 2023, Pitfalls of Projection]: buckled cloth has directions in which the
-//! projected matrix is many times too stiff.
+//! The device's matrix leaves out what could make it indefinite; [`super::curvature`] puts back what does
+//! not.
 
 use super::contact::stencil::Stencil;
+use super::curvature::Curvature;
 use super::elastic::Elastic;
 use crate::device::{Device, DeviceError};
 use crate::model::Vec3;
@@ -21,48 +20,19 @@ use crate::solve::cg::{CgInfo, CgParams};
 /// left it indefinite.
 const MOST_SHIFTS: usize = 8;
 
-/// Most solves in a row that do without the true second derivatives after they were indefinite.
-const MOST_REST: u32 = 8;
-
 /// Solver of one garment's systems.
 #[derive(Debug, Default)]
 pub struct Factored {
     /// Looked for once; `None` inside where there is none.
     structure: Option<Option<Structure>>,
     factor: BlockFactor,
-    rest: Rest,
-}
-
-/// When the true second derivatives are tried again.
-#[derive(Debug, Default)]
-struct Rest {
-    /// Solves to go.
-    left: u32,
-    /// How many they were last time.
-    last: u32,
-}
-
-impl Rest {
-    /// Whether they are to be tried now; counts a solve without them if not.
-    fn is_due(&mut self) -> bool {
-        let due = self.left == 0;
-        self.left = self.left.saturating_sub(1);
-        due
-    }
-
-    /// Says whether they were positive definite.
-    fn count(&mut self, positive: bool) {
-        self.last = if positive { 0 } else { (2 * self.last).clamp(1, MOST_REST) };
-        self.left = self.last;
-    }
 }
 
 /// What depends on the cloth's connectivity alone.
 #[derive(Debug)]
 struct Structure {
     pattern: BlockPattern,
-    /// Place of each block of [`Elastic::soften`].
-    softened: Vec<u32>,
+    curvature: Curvature,
 }
 
 impl Structure {
@@ -70,9 +40,8 @@ impl Structure {
         let hessian = elastic.hessian();
         let (starts, columns) = (device.read(&hessian.row_start)?, device.read(&hessian.columns)?);
         let Ok(pattern) = BlockPattern::new(&starts, &columns) else { return Ok(None) };
-        let place = |[row, column]: [u32; 2]| pattern.slot(row, column).map(|at| at as u32);
-        let Some(softened) = elastic.softened().map(place).collect() else { return Ok(None) };
-        Ok(Some(Structure { pattern, softened }))
+        let Some(curvature) = Curvature::new(&pattern, elastic) else { return Ok(None) };
+        Ok(Some(Structure { pattern, curvature }))
     }
 }
 
@@ -134,60 +103,44 @@ impl Factored {
         if self.structure.is_none() {
             self.structure = Some(Structure::new(device, elastic)?);
         }
-        let Factored { structure: Some(Some(structure)), factor, rest } = self else { return Ok(None) };
+        let Factored { structure: Some(Some(structure)), factor } = self else { return Ok(None) };
         let blocks = device.read(&elastic.hessian().blocks)?.iter().map(|b| b.map(f64::from)).collect();
-        let mut matrix = Matrix { pattern: &structure.pattern, blocks, outside: Vec::new() };
+        let Structure { pattern, curvature } = structure;
+        let mut matrix = Matrix { pattern, blocks, outside: Vec::new() };
         add_diagonal(matrix.pattern, &mut matrix.blocks, inertia, 1.0);
         for (stencil, b) in list.iter().zip(second) {
             add_stencil(&mut matrix, stencil, &b.map(f64::from));
         }
-        let softened = rest.is_due() && {
-            let positive = soften(structure, &mut matrix, elastic, vertices, factor);
-            rest.count(positive);
-            positive
-        };
-        if !softened && !factor_shifted(&matrix, inertia, factor) {
+        let whole = curvature.put_back(pattern, &mut matrix.blocks, elastic, vertices, factor);
+        if !whole && !factor_shifted(&matrix, inertia, factor) {
             return Ok(None);
         }
         Ok(Some(solve(&matrix, factor, gradient, params)))
     }
 }
 
-/// Makes the cloth's part of the matrix the true second derivatives and factors it, if that is
-/// positive definite; whether it is.
-fn soften(
-    structure: &Structure,
-    matrix: &mut Matrix<'_>,
-    elastic: &Elastic,
-    vertices: &[Vec3],
-    factor: &mut BlockFactor,
-) -> bool {
-    let mut blocks = matrix.blocks.clone();
-    let mut places = structure.softened.iter();
-    elastic.soften(vertices, &mut |block| {
-        let at = *places.next().expect("a place for each block") as usize;
-        (0..9).for_each(|k| blocks[at][k] += block[(k / 3, k % 3)]);
-    });
-    let positive = structure.pattern.factor(&blocks, factor).is_ok();
-    if positive {
-        matrix.blocks = blocks;
-    }
-    positive
-}
-
+/// Adds a stencil. One whose nodes are not all coupled by the cloth has its two sides in the
+/// sparsity and the couplings between them outside: with a part of those in it, what is factored
+/// would be indefinite.
 fn add_stencil(matrix: &mut Matrix<'_>, stencil: &Stencil, b: &[f64; 6]) {
     if b.iter().all(|c| *c == 0.0) {
         return;
     }
     let full = [b[0], b[5], b[4], b[5], b[1], b[3], b[4], b[3], b[2]];
     let places = || (0..4).filter(|&k| stencil.weights[k] != 0.0);
-    for i in places() {
-        for j in places() {
-            let part = full.map(|c| c * stencil.weights[i] * stencil.weights[j]);
-            match matrix.pattern.slot(stencil.nodes[i], stencil.nodes[j]) {
-                Some(at) => (0..9).for_each(|k| matrix.blocks[at][k] += part[k]),
-                None => matrix.outside.push((stencil.nodes[i], stencil.nodes[j], part)),
+    let pairs = || places().flat_map(|i| places().map(move |j| (i, j)));
+    let pattern = matrix.pattern;
+    let slot = |(i, j): (usize, usize)| pattern.slot(stencil.nodes[i], stencil.nodes[j]);
+    let one_sided = |(i, j): (usize, usize)| stencil.weights[i] * stencil.weights[j] > 0.0;
+    let whole = pairs().all(|p| slot(p).is_some());
+    let halves = pairs().filter(|p| one_sided(*p)).all(|p| slot(p).is_some());
+    for (i, j) in pairs() {
+        let part = full.map(|c| c * stencil.weights[i] * stencil.weights[j]);
+        match slot((i, j)) {
+            Some(at) if whole || i == j || (halves && one_sided((i, j))) => {
+                (0..9).for_each(|k| matrix.blocks[at][k] += part[k]);
             }
+            _ => matrix.outside.push((stencil.nodes[i], stencil.nodes[j], part)),
         }
     }
 }
@@ -232,4 +185,45 @@ fn solve(
         info.converged = info.residual <= params.tolerance;
     }
     (x, info)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::drape::contact::stencil::Kind;
+
+    #[test]
+    fn a_stencil_that_the_cloth_couples_in_part_leaves_its_sides_to_the_factor() {
+        // Nodes 0 1 2 3 in a row that the cloth couples to their neighbours; node 0 touches the
+        // triangle 1 2 3, and one of its three couplings is in the sparsity.
+        let columns: [&[u32]; 4] = [&[0, 1], &[0, 1, 2, 3], &[1, 2, 3], &[1, 2, 3]];
+        let mut starts = vec![0];
+        starts.extend(columns.iter().scan(0, |sum, c| {
+            *sum += c.len() as u32;
+            Some(*sum)
+        }));
+        let pattern = BlockPattern::new(&starts, &columns.concat()).unwrap();
+        let blocks = vec![[0.0; 9]; columns.concat().len()];
+        let mut matrix = Matrix { pattern: &pattern, blocks, outside: Vec::new() };
+        add_diagonal(&pattern, &mut matrix.blocks, &[1e-3; 4], 1.0);
+        let weights = [1.0, -0.2, -0.5, -0.3];
+        let stencil = Stencil {
+            kind: Kind::Barrier,
+            nodes: [0, 1, 2, 3],
+            weights,
+            normal: Vec3::x(),
+            gap: 1e-3,
+            radius: 2e-3,
+            stiffness: 1.0,
+        };
+        add_stencil(&mut matrix, &stencil, &[100.0, 0.0, 0.0, 0.0, 0.0, 0.0]);
+        assert!(pattern.factor(&matrix.blocks, &mut BlockFactor::default()).is_ok());
+        // The product has all of it.
+        let x: Vec<Vec3> = (0..4).map(|i| Vec3::new(f64::from(i * i) + 0.3, 1.0, 0.0)).collect();
+        let gap: f64 = weights.iter().zip(&x).map(|(w, x)| w * x.x).sum();
+        for (i, y) in matrix.apply(&x).iter().enumerate() {
+            let expected = Vec3::new(100.0 * weights[i] * gap, 0.0, 0.0) + x[i] * 1e-3;
+            assert!((y - expected).norm() < 1e-9, "{y} {expected}");
+        }
+    }
 }

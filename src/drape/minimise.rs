@@ -22,6 +22,11 @@ const SHORTEST: f64 = 1e-7;
 const NUDGE: f64 = 0.25;
 /// Residual, in mean node weights, from which on the history is kept.
 const NEAR: f64 = 1.0;
+/// Share of what the slope promises that must come for a search to go on beyond a whole step; an
+/// exact quadratic gives a half.
+const STEADY: f64 = 0.75;
+/// Longest multiple of a Newton step.
+const FARTHEST: f64 = 16.0;
 /// Energies closer than this share of themselves are equal up to rounding.
 const ROUNDING: f64 = 1e-14;
 
@@ -47,6 +52,16 @@ pub(super) struct Until {
     /// Whether moves are made that do not bring the objective down: springs of tangled pairs jump
     /// where a pair changes sides, and a push must get past that.
     pub stubborn: bool,
+}
+
+/// Where a line search goes.
+struct Descent {
+    /// [m]
+    direction: Vec<Vec3>,
+    /// Of the objective along the direction [J].
+    slope: f64,
+    /// The longest multiple of the direction that contact can follow.
+    most: f64,
 }
 
 /// The objective and its gradient at one configuration.
@@ -81,8 +96,8 @@ impl Simulation<'_> {
             let Some(descent) = self.descent(&mut here, problem, &mut history, &mut info)? else {
                 return Ok((x, info)); // no descent in f32: as good as it gets
             };
-            let left = -0.5 * descent.1;
-            let Some((next, there)) = self.search(&x, &here, &descent, problem, until.stubborn) else {
+            let left = -0.5 * descent.slope;
+            let Some((next, there)) = self.search(&x, &here, &descent, problem, until) else {
                 return Ok((x, info));
             };
             info.approached = left < until.gain * (first - there.energy);
@@ -103,7 +118,7 @@ impl Simulation<'_> {
         problem: &Problem,
         history: &mut History,
         info: &mut StepInfo,
-    ) -> Result<Option<(Vec<Vec3>, f64)>, Error> {
+    ) -> Result<Option<Descent>, Error> {
         let mut direction = self.direction(here, problem, history, info)?;
         let mut slope = dot(&direction, &here.gradient);
         if slope >= 0.0 && !history.is_empty() {
@@ -119,11 +134,12 @@ impl Simulation<'_> {
         if searched {
             here.contacts = self.contact.contacts(&here.points);
         }
-        if length > longest {
-            direction.iter_mut().for_each(|d| *d *= longest / length);
-            slope *= longest / length;
+        let most = longest / length;
+        if most < 1.0 {
+            direction.iter_mut().for_each(|d| *d *= most);
+            slope *= most;
         }
-        Ok(Some((direction, slope)))
+        Ok(Some(Descent { direction, slope, most: most.max(1.0) }))
     }
 
     /// Solves for the Newton direction at `here`.
@@ -152,28 +168,63 @@ impl Simulation<'_> {
         Ok(history.after(direction, &weights))
     }
 
-    /// Backtracks along `direction` until the objective falls by enough for its `slope`.
+    /// Backtracks until the objective falls by enough for the slope, or goes on while it falls
+    /// faster than a matrix as stiff as ours says.
     fn search(
         &mut self,
         x: &[Vec3],
         here: &Here,
-        (direction, slope): &(Vec<Vec3>, f64),
+        descent: &Descent,
         problem: &Problem,
-        stubborn: bool,
+        until: Until,
     ) -> Option<(Vec<Vec3>, Here)> {
-        let node = &self.contact.scene.sheet.node;
-        let by_point: Vec<Vec3> = node.iter().map(|&n| direction[n as usize]).collect();
-        let free = self.contact.free_share(&here.points, &by_point, &here.contacts);
+        let free = self.free_share(here, descent, 1.0);
         let mut share = free;
         while share > SHORTEST {
-            let (next, there) = self.go(x, direction, share, problem);
+            let (next, there) = self.go(x, &descent.direction, share, problem);
             let allowed = ROUNDING * (here.energy.abs() + there.energy.abs());
-            if there.energy <= here.energy + ARMIJO * share * slope + allowed {
-                return Some((next, there));
+            if there.energy <= here.energy + ARMIJO * share * descent.slope + allowed {
+                let found = (next, there);
+                return Some(if share == 1.0 && !until.remembers {
+                    self.onward(here, descent, problem, found)
+                } else {
+                    found
+                });
             }
             share *= 0.5;
         }
-        stubborn.then(|| self.go(x, direction, NUDGE * free, problem))
+        until.stubborn.then(|| self.go(x, &descent.direction, NUDGE * free, problem))
+    }
+
+    /// Twice as far along the direction, again and again, while that brings the objective down
+    /// nearly in proportion: there the matrix is several times too stiff.
+    fn onward(
+        &mut self,
+        here: &Here,
+        descent: &Descent,
+        problem: &Problem,
+        mut best: (Vec<Vec3>, Here),
+    ) -> (Vec<Vec3>, Here) {
+        let mut share = 1.0;
+        let mut gain = here.energy - best.1.energy;
+        while gain > STEADY * share * -descent.slope && 2.0 * share <= FARTHEST.min(descent.most) {
+            let more = share * self.free_share(&best.1, descent, share);
+            let next = self.go(&best.0, &descent.direction, more, problem);
+            if here.energy - next.1.energy <= gain {
+                // Pairs may have been searched anew there.
+                return self.go(&best.0, &descent.direction, 0.0, problem);
+            }
+            share += more;
+            (gain, best) = (here.energy - next.1.energy, next);
+        }
+        best
+    }
+
+    /// The share of the direction's multiple that no clean pair forbids.
+    fn free_share(&self, here: &Here, descent: &Descent, multiple: f64) -> f64 {
+        let node = &self.contact.scene.sheet.node;
+        let by_point: Vec<Vec3> = node.iter().map(|&n| descent.direction[n as usize] * multiple).collect();
+        self.contact.free_share(&here.points, &by_point, &here.contacts)
     }
 
     /// A share of `direction` from `x`, where nothing is in the way.

@@ -25,6 +25,7 @@
 
 pub mod cloth;
 pub mod contact;
+mod curvature;
 pub mod elastic;
 mod factored;
 pub mod follow;

@@ -287,7 +287,7 @@ impl<'a> Simulation<'a> {
         if !self.contact.lift(&self.points()) {
             return Ok(None);
         }
-        self.at_rest(h, self.to_tolerance()).map(Some)
+        self.at_rest(h, Until { gain: RELAXED, remembers: false, ..self.to_tolerance() }).map(Some)
     }
 
     /// Towards the equilibrium without gravity and friction, from rest.

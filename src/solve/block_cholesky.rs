@@ -5,12 +5,22 @@
 //! factor as preconditioner where a few couplings of the matrix lie outside of the sparsity.
 
 use faer::dyn_stack::{MemBuffer, MemStack};
-use faer::sparse::linalg::cholesky::{LltRef, SymbolicCholesky, factorize_symbolic_cholesky};
+use faer::linalg::cholesky::llt::factor::LltError;
+use faer::sparse::linalg::cholesky::{
+    LltRef, SymbolicCholesky, SymbolicCholeskyRaw, factorize_symbolic_cholesky,
+};
 use faer::sparse::{SparseColMatRef, SymbolicSparseColMat};
 use faer::{Conj, MatMut, Side, get_global_parallelism};
 
 use super::cholesky::CholeskyError;
 use crate::model::Vec3;
+
+/// A matrix that is not positive definite: elimination got as far as block row `row`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Indefinite {
+    /// The vectors along which it is not reach this row and rows eliminated before it.
+    pub row: u32,
+}
 
 /// A 3x3 block, row by row.
 pub type Block = [f64; 9];
@@ -95,10 +105,8 @@ impl BlockPattern {
     /// Factors the matrix with these blocks, shape `[blocks]`, into `factor`.
     ///
     /// # Errors
-    /// [`CholeskyError::NotPositive`]: it is not positive definite, or not finite; `factor` is
-    /// undefined then.
-    pub fn factor(&self, blocks: &[Block], factor: &mut BlockFactor) -> Result<(), CholeskyError> {
-        let size = 3 * self.rows();
+    /// [`Indefinite`]: it is not positive definite, or not finite; `factor` is undefined then.
+    pub fn factor(&self, blocks: &[Block], factor: &mut BlockFactor) -> Result<(), Indefinite> {
         factor.values.clear();
         factor.values.extend(self.source.iter().map(|&(k, at)| blocks[k as usize][at as usize]));
         factor.factor.resize(self.order.len_val(), 0.0);
@@ -113,7 +121,13 @@ impl BlockPattern {
             MemStack::new(factor.scratch.get_or_insert_with(|| MemBuffer::new(needed))),
             Default::default(),
         );
-        done.map(|_| ()).map_err(|e| CholeskyError::NotPositive { size, reason: format!("{e:?}") })
+        done.map(|_| ()).map_err(|LltError::NonPositivePivot { index }| {
+            // Simplicial factors count from one.
+            let one = usize::from(matches!(self.order.raw(), SymbolicCholeskyRaw::Simplicial(_)));
+            let place = index.saturating_sub(one).min(3 * self.rows() - 1);
+            let column = self.order.perm().map_or(place, |order| order.arrays().0[place]);
+            Indefinite { row: (column / 3) as u32 }
+        })
     }
 
     /// The solution of `A x = b` with the matrix that was factored last into `factor`.
@@ -190,6 +204,6 @@ mod tests {
         }
         assert!(pattern.slot(0, 9).is_none());
         blocks[0] = [-1.0; 9];
-        assert!(matches!(pattern.factor(&blocks, &mut factor), Err(CholeskyError::NotPositive { .. })));
+        assert_eq!(pattern.factor(&blocks, &mut factor), Err(Indefinite { row: 0 }));
     }
 }

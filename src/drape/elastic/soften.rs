@@ -13,6 +13,12 @@ use crate::drape::elastic::element::NONE;
 use crate::model::Vec3;
 
 impl Elastic {
+    /// Nodes of the elements that [`Elastic::soften`] goes through: triangles, then hinges.
+    pub fn softened_elements(&self) -> impl Iterator<Item = &[u32]> {
+        let triangles = self.judge.triangle_nodes.iter().map(|t| &t[..]);
+        triangles.chain(self.judge.hinge_nodes.iter().map(|h| &h[..]))
+    }
+
     /// Row and column of every block that [`Elastic::soften`] gives, in its order.
     pub fn softened(&self) -> impl Iterator<Item = [u32; 2]> {
         let triangles = self.judge.triangle_nodes.iter().flat_map(square);

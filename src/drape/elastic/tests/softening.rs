@@ -8,6 +8,8 @@ use super::super::judge::Judge;
 use super::super::stretch;
 use super::derivatives::{STEP, at, deformations, folded, moved, nudged, rest, states};
 use super::*;
+use crate::drape::curvature::Curvature;
+use crate::solve::block_cholesky::{Block, BlockFactor, BlockPattern};
 
 #[test]
 fn what_stretch_drops_and_keeps_is_the_gradients_derivative() {
@@ -88,4 +90,52 @@ fn softened_hessian_is_the_gradients_derivative() {
         let error = (&found - &expected).abs().max();
         assert!(error < 1e-4 * expected.abs().max(), "{error:e} of {:e}", expected.abs().max());
     }
+}
+
+#[test]
+fn curvature_is_put_back_but_around_what_is_indefinite() {
+    // A sheet under tension and shear but for one end of it, which is compressed in its plane.
+    let place = |p: &Vec2| {
+        let x = if p.x < 0.04 { 0.7 * p.x } else { 1.05 * p.x - 0.014 };
+        Vec3::new(x, 0.0, 1.05 * p.y + 0.1 * p.x)
+    };
+    let garment = garment_of(&panel(12, 3, 0.02, Split::Irregular, 0.0), &Fabric::default(), place);
+    let (cloth, points) = (cloth_of(&garment), garment.points.clone());
+    let device = crate::device::Device::cpu();
+    let mut elastic = Elastic::new(&device, &cloth).unwrap();
+    elastic.rebase(&device, &points).unwrap();
+    let rest = device.zeros("displacement", 3 * cloth.node_count).unwrap();
+    elastic.linearise(&device, &rest).unwrap();
+    let hessian = elastic.hessian();
+    let (starts, columns) =
+        (device.read(&hessian.row_start).unwrap(), device.read(&hessian.columns).unwrap());
+    let pattern = BlockPattern::new(&starts, &columns).unwrap();
+    let mut blocks: Vec<Block> =
+        device.read(&hessian.blocks).unwrap().iter().map(|b| b.map(f64::from)).collect();
+    for n in 0..cloth.node_count as u32 {
+        [0, 4, 8].iter().for_each(|&k| blocks[pattern.slot(n, n).unwrap()][k] += 0.01);
+    }
+    let projected = blocks.clone();
+    let mut true_blocks = blocks.clone();
+    let mut places = elastic.softened();
+    elastic.soften(&points, &mut |b| {
+        let [row, column] = places.next().unwrap();
+        let at = pattern.slot(row, column).unwrap();
+        (0..9).for_each(|k| true_blocks[at][k] += b[(k / 3, k % 3)]);
+    });
+    let mut factor = BlockFactor::default();
+    assert!(pattern.factor(&true_blocks, &mut factor).is_err());
+    let mut curvature = Curvature::new(&pattern, &elastic).unwrap();
+    assert!(curvature.put_back(&pattern, &mut blocks, &elastic, &points, &mut factor));
+    let same = |a: &Block, b: &Block| (0..9).all(|k| (a[k] - b[k]).abs() < 1e-9 * (1.0 + b[k].abs()));
+    let at = |node: u32| pattern.slot(node, node).unwrap();
+    let (first, last) = (at(0), at(cloth.node_count as u32 - 1));
+    assert!(same(&blocks[last], &true_blocks[last]) && !same(&blocks[last], &projected[last]));
+    assert!(same(&blocks[first], &projected[first]) && !same(&blocks[first], &true_blocks[first]));
+    // What the factor solves with is what `blocks` says.
+    let x: Vec<Vec3> = (0..cloth.node_count).map(|i| Vec3::new(1.0, (i as f64).sin(), 0.5)).collect();
+    let mut right = vec![Vec3::zeros(); x.len()];
+    pattern.add_product(&blocks, &x, &mut right);
+    let solved = pattern.solve(&mut factor, &right);
+    assert!(solved.iter().zip(&x).all(|(a, b)| (a - b).norm() < 1e-6));
 }
