@@ -1,7 +1,7 @@
 //! The phases of a drape: push out, untangle, settle, repair.
 
 use super::simulation::{Simulation, StepInfo};
-use super::untangle::{push_out, repair};
+use super::untangle::push_out;
 use super::{Error, FRAME, Info, Moment, Params};
 use crate::model::Vec3;
 
@@ -20,7 +20,9 @@ const SHORTEST_STEP: f64 = 0.01;
 /// [`Until::gain`]: super::minimise::Until::gain
 const APPROACH_GAIN: f64 = 2e-3;
 /// A step is halved at most this often before it is taken as it is.
-pub(super) const MOST_HALVINGS: u32 = 4;
+const MOST_HALVINGS: u32 = 4;
+/// Most rounds of pushes, a frame and settling after the phases.
+const REPAIR_ROUNDS: usize = 3;
 
 /// Takes the cloth through all phases.
 pub(super) fn run(
@@ -38,7 +40,7 @@ pub(super) fn run(
     if params.settle {
         settle(simulation, params, &mut info, progress)?;
     }
-    repair(simulation, params, &mut info)?;
+    repair(simulation, params, &mut info, progress)?;
     let tangles = simulation.contact.tangles();
     info.crossings = [tangles.crossings, tangles.own.len()];
     info.kinetic_energy_j = simulation.kinetic_energy();
@@ -117,6 +119,31 @@ fn settle(
         progress(&Moment { share, phase: "settle", simulation });
     }
     info.converged &= final_step; // an approach that the limit cut short is no result
+    Ok(())
+}
+
+/// After the phases: pushes what still crosses. Pushes leave the cloth out of balance, so each round
+/// has a frame after it; once clean, the cloth settles again.
+fn repair(
+    simulation: &mut Simulation<'_>,
+    params: &Params,
+    info: &mut Info,
+    progress: &mut Progress<'_>,
+) -> Result<(), Error> {
+    let h = FRAME / params.steps_per_frame as f64;
+    for _ in 0..REPAIR_ROUNDS {
+        if push_out(simulation, h, params.push_steps, info)? {
+            break;
+        }
+        for _ in 0..params.steps_per_frame {
+            advance(simulation, h, params.damping, info, MOST_HALVINGS)?;
+        }
+        info.frames += 1;
+        simulation.reclassify();
+        if params.settle && simulation.contact.tangles().is_clean() {
+            return settle(simulation, params, info, progress);
+        }
+    }
     Ok(())
 }
 

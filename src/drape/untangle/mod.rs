@@ -15,16 +15,14 @@
 //! Time steps start after that, and converge by their own residual: a state that was reached by
 //! moving points counts only once they hold.
 
-use super::phases::{MOST_HALVINGS, advance, count};
+use super::phases::count;
 use super::simulation::Simulation;
-use super::{Error, FRAME, Info, Params};
+use super::{Error, FRAME, Info};
 
 /// Starts deeper than this are drawn out before they are pushed [m].
 const DEEP: f64 = 0.01;
 /// Most iterations of a draw.
 const MOST_DRAWS: usize = 40;
-/// Most rounds of pushes and a frame after the phases.
-const REPAIR_ROUNDS: usize = 3;
 
 /// Pushes what is tangled to its right side, at most `most` times, with the inertia of steps of
 /// `h` [s]; returns whether nothing was tangled.
@@ -78,20 +76,4 @@ fn draw(simulation: &mut Simulation<'_>, h: f64, info: &mut Info) -> Result<bool
     }
     simulation.reclassify();
     Ok(true)
-}
-
-/// After the phases: pushes what still crosses, each round with a frame after it.
-pub(super) fn repair(simulation: &mut Simulation<'_>, params: &Params, info: &mut Info) -> Result<(), Error> {
-    let h = FRAME / params.steps_per_frame as f64;
-    for _ in 0..REPAIR_ROUNDS {
-        if push_out(simulation, h, params.push_steps, info)? {
-            break;
-        }
-        // Pushes leave the cloth out of balance: a frame in between.
-        for _ in 0..params.steps_per_frame {
-            advance(simulation, h, params.damping, info, MOST_HALVINGS)?;
-        }
-        info.frames += 1;
-    }
-    Ok(())
 }
