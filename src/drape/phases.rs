@@ -61,13 +61,13 @@ fn untangle(
 ) -> Result<(), Error> {
     let h = FRAME / params.steps_per_frame as f64;
     let steps = params.frames * params.steps_per_frame;
-    for _ in 0..params.frames {
+    for frame in 0..params.frames {
         if params.settle && simulation.contact.tangles().is_clean() {
             break;
         }
-        for _ in 0..params.steps_per_frame {
+        for step in 1..=params.steps_per_frame {
             advance(simulation, h, params.damping, info, MOST_HALVINGS)?;
-            let share = info.steps as f64 / (steps + 1) as f64;
+            let share = (frame * params.steps_per_frame + step) as f64 / (steps + 1) as f64;
             progress(&Moment { share, phase: "untangle", simulation });
         }
         info.frames += 1;
