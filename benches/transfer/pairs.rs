@@ -45,7 +45,7 @@ fn carry(prepared: &Prepared, outfit: &Outfit) -> Carry {
 }
 
 /// Every outfit with every target.
-fn pairs(meshes: &Meshes) -> impl Iterator<Item = (&Outfit, &String, &TriMesh)> {
+pub fn pairs(meshes: &Meshes) -> impl Iterator<Item = (&Outfit, &String, &TriMesh)> {
     meshes.outfits.iter().flat_map(|outfit| {
         let targets = meshes.bodies.iter().filter(|(name, _)| !name.starts_with("source_"));
         targets.map(move |(name, body)| (outfit, name, body))

@@ -126,7 +126,7 @@ pub fn bind(
 }
 
 /// Percentiles of values with weights.
-fn percentiles<const N: usize>(mut values: Vec<(f64, f64)>, at: [f64; N]) -> [f64; N] {
+pub fn percentiles<const N: usize>(mut values: Vec<(f64, f64)>, at: [f64; N]) -> [f64; N] {
     values.sort_by(|a, b| a.0.total_cmp(&b.0));
     let total: f64 = values.iter().map(|c| c.1).sum();
     at.map(|p| {
@@ -139,23 +139,35 @@ fn percentiles<const N: usize>(mut values: Vec<(f64, f64)>, at: [f64; N]) -> [f6
     })
 }
 
-/// Percentiles by area of the change of stretch, `max |S_target - S_source|` over the
-/// entries in warp and weft axes: the source garment against its original pattern, the
-/// garment at `target` against `pattern`. The area is the original pattern's.
+/// Change of stretch of each triangle, `max |S_target - S_source|` over the entries in warp and
+/// weft axes, and its area: the source garment against its original pattern, the garment at
+/// `target` against `pattern`. The area is the original pattern's.
 ///
 /// # Errors
 /// [`Error::Degenerate`] if a triangle has no area in its panel.
+pub fn strain_changes(
+    garment: &Garment,
+    pattern: &[Vec2],
+    target: &[Vec3],
+) -> Result<Vec<(f64, f64)>, Error> {
+    let source = stretches(garment, &garment.pattern, &garment.points)?;
+    let carried = stretches(garment, pattern, target)?;
+    let change = |t: usize| {
+        let area = edges_2d(garment.pattern_corners(&garment.pattern, t)).determinant().abs();
+        ((carried[t] - source[t]).amax(), area)
+    };
+    Ok((0..source.len()).map(change).collect())
+}
+
+/// Percentiles by area of [`strain_changes`].
+///
+/// # Errors
+/// As [`strain_changes`].
 pub fn strain_change<const N: usize>(
     garment: &Garment,
     pattern: &[Vec2],
     target: &[Vec3],
     at: [f64; N],
 ) -> Result<[f64; N], Error> {
-    let source = stretches(garment, &garment.pattern, &garment.points)?;
-    let carried = stretches(garment, pattern, target)?;
-    let changes = (0..source.len()).map(|t| {
-        let area = edges_2d(garment.pattern_corners(&garment.pattern, t)).determinant().abs();
-        ((carried[t] - source[t]).amax(), area)
-    });
-    Ok(percentiles(changes.collect(), at))
+    Ok(percentiles(strain_changes(garment, pattern, target)?, at))
 }

@@ -189,7 +189,11 @@ impl<'a> Problem<'a> {
                 return Ok(info);
             }
             info.converged = change <= self.params.inner_tolerance;
-            acceleration.advance(u, step, !linear);
+            if linear {
+                u.iter_mut().zip(&step).for_each(|(u, d)| *u += d);
+            } else {
+                acceleration.advance(u, step, norm);
+            }
             if info.converged {
                 break;
             }
@@ -215,7 +219,7 @@ impl<'a> Problem<'a> {
             self.device.write(&self.residual, &flat(&residual))?;
             let (step, _) = self.increment(&mut info)?;
             info.changes_m.push(step.iter().map(|d| d.norm()).fold(0.0, f64::max));
-            acceleration.advance(u, step, true);
+            acceleration.advance(u, step, norm);
         }
         Ok(info)
     }

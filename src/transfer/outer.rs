@@ -10,8 +10,9 @@ use crate::device::Device;
 use crate::geometry::{Surface, outer_skin, submesh};
 use crate::model::{TriMesh, Vec3};
 
-/// An outer iteration that leaves more than this share of the gap has stalled.
-const STALLED: f64 = 0.9;
+/// A closing iteration that leaves more than this share of the gap has stalled: what is left lies in
+/// creases, and further ones would take as long for ever less.
+const STALLED: f64 = 0.75;
 
 /// A closing step on the band's cells divides the gap of bodies by about this at best, so it is
 /// tried where that would reach what is asked for; otherwise refinement comes at once.

@@ -102,9 +102,9 @@ class TransferSettings(CoreModel):
     coarse_iterations: Count = 1
     #: Width outside of the body of the band of finer cells [m]; at least two of their size. What the coarse
     #: ones cannot follow varies from place to place and dies off well within.
-    closing_band: Number = 0.04
+    closing_band: Number = 0.03
     #: How many times smaller the cells near the skin are; 1 leaves refinement out.
-    refinement: Count = 2
+    refinement: Count = 3
     #: Most iterations of the outer loop.
     outer_iterations: Count = 10
     #: The outer loop ends when the 99th percentile of the outer skin's gap is below [m].
