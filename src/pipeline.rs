@@ -303,6 +303,7 @@ pub fn fit(
     let clock = Instant::now();
     let skins = rigged::rig_all(outfit, &proxies, character, &body, &draped, settings, progress)?;
     seconds.rig = clock.elapsed().as_secs_f64();
+    let joint_notes = rigged::notes(outfit, &skins);
     progress("rig", 1.0);
 
     progress("certify", 0.0);
@@ -359,7 +360,13 @@ pub fn fit(
         broken,
         seconds,
         flows: carried.flows,
-        notes: proxies.iter().flat_map(Proxy::notes).chain(carried.notes).chain(pose_notes).collect(),
+        notes: proxies
+            .iter()
+            .flat_map(Proxy::notes)
+            .chain(carried.notes)
+            .chain(pose_notes)
+            .chain(joint_notes)
+            .collect(),
         garments: reports,
     };
     Ok(Dressed { garments, report })

@@ -140,6 +140,7 @@ pub fn garment(dict: &Bound<'_, PyDict>) -> PyResult<GarmentSource> {
         panel_of_triangle: record.integers("panel_of_triangle", &[])?,
         panels: record.dicts("panels")?.iter().map(|d| panel(&path, d)).collect::<PyResult<_>>()?,
         seams: record.dicts("seams")?.iter().map(|d| seam(&path, d)).collect::<PyResult<_>>()?,
+        joints: record.get("joints")?,
         path,
     })
 }

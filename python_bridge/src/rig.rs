@@ -92,7 +92,7 @@ fn with<T: Send + 'static>(
     let (points, triangles, groups): (Vec<Vec3>, _, SeamGroups) = read::sewn(cloth)?;
     let (character, skin) = (Arc::clone(&body.character), Arc::clone(&body.skin));
     job::run(py, None, move |_| {
-        let sewn = Sewn { points: &points, triangles: &triangles, groups: &groups };
+        let sewn = Sewn { points: &points, triangles: &triangles, groups: &groups, joints: &[] };
         call(&character, &skin, &sewn, &settings.rig).map_err(errors::rig)
     })
 }

@@ -44,8 +44,17 @@ pub enum SkinningError {
 pub fn bind_world(skeleton: &Skeleton) -> Result<Vec<Mat4>, SkinningError> {
     expect("parents", skeleton.parents.len(), skeleton)?;
     expect("bind transforms", skeleton.world_from_joint.len(), skeleton)?;
-    let matrix = |rows: &[[f64; 4]; 4]| Mat4::from_fn(|r, c| rows[r][c]);
-    Ok(skeleton.world_from_joint.iter().map(matrix).collect())
+    Ok(skeleton.world_from_joint.iter().map(from_rows).collect())
+}
+
+/// A matrix from its rows, as a [`Skeleton`] keeps it.
+pub fn from_rows(rows: &[[f64; 4]; 4]) -> Mat4 {
+    Mat4::from_fn(|r, c| rows[r][c])
+}
+
+/// The rows of a matrix.
+pub fn to_rows(matrix: &Mat4) -> [[f64; 4]; 4] {
+    std::array::from_fn(|r| std::array::from_fn(|c| matrix[(r, c)]))
 }
 
 /// World transforms after every joint was turned by its rotation about the bind pose's world

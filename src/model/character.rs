@@ -16,6 +16,19 @@ pub struct Skeleton {
     pub world_from_joint: Vec<[[f64; 4]; 4]>,
 }
 
+impl Skeleton {
+    /// Where each joint is in the bind pose [m].
+    pub fn positions(&self) -> Vec<Vec3> {
+        self.world_from_joint.iter().map(|m| Vec3::new(m[0][3], m[1][3], m[2][3])).collect()
+    }
+
+    /// The parent of a joint; `None` for a root and for a number that is no joint's.
+    pub fn parent(&self, joint: usize) -> Option<usize> {
+        let parent = usize::try_from(*self.parents.get(joint)?).ok()?;
+        (parent < self.joints.len()).then_some(parent)
+    }
+}
+
 /// Linear-blend skin weights, a fixed number of influences for each point.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Skin {

@@ -69,6 +69,8 @@ pub struct GarmentSource {
     pub panels: Vec<Panel>,
     /// Authored seams.
     pub seams: Vec<AuthoredSeam>,
+    /// Joints that move the garment, by path or name in any order; empty: all that move its body.
+    pub joints: Vec<String>,
 }
 
 /// What is wrong with a [`GarmentSource`].
@@ -125,6 +127,8 @@ pub struct Garment {
     pub point_count: usize,
     /// Points of the source mesh on the source body [m], shape `[point_count, 3]`.
     pub source_points: Vec<Vec3>,
+    /// Joints that move the garment, if it says so itself.
+    pub joints: Vec<String>,
 }
 
 impl Garment {
@@ -142,6 +146,7 @@ impl Garment {
             panel_of_triangle: source.panel_of_triangle,
             panels: source.panels,
             seams: source.seams,
+            joints: source.joints,
             point_count: source.mesh.points.len(),
             source_points: source.mesh.points,
             ..Garment::default()

@@ -2,7 +2,7 @@
 
 use super::{Draped, Error, Progress, Settings};
 use crate::geometry::OuterSkin;
-use crate::model::{Character, Outfit, Skin, Vec3};
+use crate::model::{Character, Garment, Outfit, Skin, Vec3};
 use crate::pose;
 use crate::proxy::Proxy;
 use crate::rig::refine::{self, Worn};
@@ -40,5 +40,21 @@ pub(super) fn rig_all(
     let poses = pose::poses(&character.skeleton)?.poses;
     refine::run(character, body, &mut worn, &poses, &settings.rig)
         .map_err(|error| Error::Rig { garment: character.path.clone(), error })?;
-    Ok(skins.into_iter().zip(proxies).map(|((skin, info), proxy)| (proxy.skin(&skin), info)).collect())
+    let capping = rig::Capping::new(&character.skeleton);
+    let with_details = |(((skin, info), proxy), draped): (((Skin, rig::Info), &Proxy<'_>), &Draped)| {
+        (proxy.skin(&skin, &draped.points, &|p, row, most| capping.row(p, row, most)), info)
+    };
+    Ok(skins.into_iter().zip(proxies).zip(draped).map(with_details).collect())
+}
+
+/// What to say of garments whose own joints the skeleton does not have.
+pub(super) fn notes(outfit: &Outfit, skins: &[(Skin, rig::Info)]) -> Vec<String> {
+    let missing = |(garment, (_, info)): (&Garment, &(Skin, rig::Info))| {
+        let (named, found) = (garment.joints.len(), info.own_joints);
+        (found < named).then(|| {
+            let then = if found == 0 { ": every joint may move it" } else { "" };
+            format!("<{}>: the skeleton has {found} of the {named} joints in skel:joints{then}", garment.path)
+        })
+    };
+    outfit.garments.iter().zip(skins).filter_map(missing).collect()
 }

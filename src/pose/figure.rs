@@ -109,12 +109,12 @@ impl Figure {
     /// # Errors
     /// A skeleton that is no tree or whose arrays do not fit.
     pub fn find(skeleton: &Skeleton) -> Result<Figure, SkinningError> {
-        let bind = skinning::bind_world(skeleton)?;
+        skinning::bind_world(skeleton)?;
         skinning::check_tree(skeleton)?;
         let tree = Tree {
             joints: &skeleton.joints,
             parents: &skeleton.parents,
-            positions: bind.iter().map(|m| m.fixed_view::<3, 1>(0, 3).into_owned()).collect(),
+            positions: skeleton.positions(),
             parts: skeleton.joints.iter().map(|j| names::part(j)).collect(),
         };
         let named = [Kind::Arm, Kind::Leg].map(|kind| limbs::by_name(&tree, kind));
@@ -162,7 +162,8 @@ fn frame(tree: &Tree<'_>, named: &[Vec<Limb>; 2]) -> Frame {
     });
     let mut aside: Vec<f64> = tree.positions.iter().map(|p| p.dot(&left)).collect();
     aside.sort_by(f64::total_cmp);
-    let middle = left * ((aside[(aside.len() - 1) / 2] + aside[aside.len() / 2]) / 2.0);
+    let half = aside.len() / 2;
+    let middle = aside.get(half).map_or(0.0, |upper| (aside[(aside.len() - 1) / 2] + upper) / 2.0) * left;
     Frame { left, up, forward: left.cross(&up), middle }
 }
 

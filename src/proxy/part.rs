@@ -49,6 +49,7 @@ impl Part {
             point_of_vertex: pick(&whole.point_of_vertex, &vertices),
             point_count: whole.point_count,
             source_points: whole.source_points.clone(),
+            joints: whole.joints.clone(),
         };
         Part { garment, vertices }
     }

@@ -267,7 +267,7 @@ fn what_is_sewn_stays_sewn() {
         sewn += usize::from(garment.panel_of_vertex[v] > 0 && garment.panel_of_vertex[v] < 3);
     }
     assert_eq!(sewn, 54);
-    let skin = proxy.skin(&ramp(proxy.garment()));
+    let skin = proxy.skin(&ramp(proxy.garment()), &garment.points, &|_, row, _| row.to_vec());
     for v in 0..points.len() {
         let weld = |v: usize| garment.groups.weld_of_vertex[v];
         let first = (0..=v).find(|&u| weld(u) == weld(v)).unwrap();
@@ -290,13 +290,39 @@ fn ramp(garment: &Garment) -> Skin {
 fn details_have_the_weights_of_the_spot_that_they_are_bound_to() {
     let garment = pocketed("pocket", flat);
     let proxy = Proxy::new(&garment, &Params::default()).unwrap();
-    let skin = proxy.skin(&ramp(proxy.garment()));
+    let skin = proxy.skin(&ramp(proxy.garment()), &garment.points, &|_, row, _| row.to_vec());
     for v in 0..garment.points.len() {
         let of_one: f64 =
             (2 * v..2 * v + 2).filter(|&i| skin.joint_indices[i] == 1).map(|i| skin.joint_weights[i]).sum();
         assert!((of_one - garment.points[v].x / 0.4).abs() < 1e-12, "vertex {v}");
         assert!((skin.joint_weights[2 * v..2 * v + 2].iter().sum::<f64>() - 1.0).abs() < 1e-12);
     }
+}
+
+#[test]
+fn which_of_a_details_joints_stay_is_for_the_rig_to_say() {
+    let garment = pocketed("pocket", flat);
+    let proxy = Proxy::new(&garment, &Params::default()).unwrap();
+    let count = proxy.garment().points.len();
+    let joint_indices = (0..count as u32).map(|v| v % 5).collect();
+    let of_proxy = Skin { influences: 1, joint_indices, joint_weights: vec![1.0; count] };
+    let asked = std::cell::RefCell::new(Vec::new());
+    let cap = |p: &Vec3, row: &[(u32, f64)], most: usize| {
+        assert_eq!(most, 1);
+        assert!((row.iter().map(|w| w.1).sum::<f64>() - 1.0).abs() < 1e-12);
+        asked.borrow_mut().push((*p, row.len()));
+        vec![(9, 1.0)]
+    };
+    let skin = proxy.skin(&of_proxy, &garment.points, &cap);
+    let of_detail = |v: &usize| garment.panel_of_vertex[*v] == 1;
+    let details: Vec<usize> = (0..garment.points.len()).filter(of_detail).collect();
+    assert!(details.iter().all(|&v| skin.joint_indices[v] == 9));
+    let asked = asked.into_inner();
+    assert_eq!(asked.len(), details.len());
+    assert!(
+        asked.iter().any(|a| a.1 == 3)
+            && asked.iter().all(|a| details.iter().any(|&v| garment.points[v] == a.0))
+    );
 }
 
 fn left_out(garment: &Garment, params: &Params) -> Vec<String> {

@@ -2,15 +2,19 @@
 //!
 //! What is sewn edge to edge has one set of weights, the proxy's vertex's where there is one. All
 //! else has the proxy's weights where it is bound, blended over the triangle's corners, also what
-//! is sewn on with an offset. (With the weights of the nearest *vertex* that it is tied to, a
+//! is sewn on with an offset. Where that is more joints than a vertex may have, the rig says which of them
+//! stay. (With the weights of the nearest *vertex* that it is tied to, a
 //! pocket's edge strayed up to 9 mm from the front in raised arms; now it stays within 1 mm.)
 
 use super::{Proxy, Split};
-use crate::model::{Garment, Skin};
+use crate::model::{Garment, Skin, Vec3};
+
+/// From a point [m], its weights and how many it may have to those that it keeps, the largest first.
+pub type Cap<'a> = &'a dyn Fn(&Vec3, &[(u32, f64)], usize) -> Vec<(u32, f64)>;
 
 impl Proxy<'_> {
-    /// Weights of the whole garment's vertices from those of the proxy's vertices.
-    pub fn skin(&self, of_proxy: &Skin) -> Skin {
+    /// Weights of the whole garment's vertices, which are at `points` [m], from those of the proxy's.
+    pub fn skin(&self, of_proxy: &Skin, points: &[Vec3], cap: Cap<'_>) -> Skin {
         let Some(split) = &self.split else { return of_proxy.clone() };
         let k = of_proxy.influences;
         let groups = &self.whole.groups;
@@ -20,7 +24,7 @@ impl Proxy<'_> {
             of_weld[weld(v)].get_or_insert_with(|| influences(of_proxy, i));
         }
         for (i, &v) in split.details.vertices.iter().enumerate() {
-            of_weld[weld(v)].get_or_insert_with(|| split.blend(of_proxy, i));
+            of_weld[weld(v)].get_or_insert_with(|| cap(&points[v as usize], &split.blend(of_proxy, i), k));
         }
         let mut skin = Skin { influences: k, ..Skin::default() };
         for v in 0..self.whole.points.len() as u32 {
@@ -33,7 +37,7 @@ impl Proxy<'_> {
 }
 
 impl Split {
-    /// The proxy's weights where vertex `detail` is bound, the largest first.
+    /// The proxy's weights where vertex `detail` is bound.
     fn blend(&self, of_proxy: &Skin, detail: usize) -> Vec<(u32, f64)> {
         let bond = self.bond(detail);
         let shell: &Garment = &self.shell.garment;
@@ -43,12 +47,8 @@ impl Split {
                 *sum.entry(joint).or_insert(0.0) += share * weight;
             }
         }
-        let mut blend: Vec<(u32, f64)> = sum.into_iter().filter(|w| w.1 > 0.0).collect();
-        blend.sort_by(|a, b| b.1.total_cmp(&a.1).then(a.0.cmp(&b.0)));
-        blend.truncate(of_proxy.influences);
-        let total: f64 = blend.iter().map(|w| w.1).sum();
-        blend.iter_mut().for_each(|w| w.1 /= total);
-        blend
+        let total: f64 = sum.values().sum();
+        sum.into_iter().filter(|w| w.1 > 0.0).map(|(joint, weight)| (joint, weight / total)).collect()
     }
 }
 

@@ -51,7 +51,7 @@ pub fn carry(
     points: &[Vec3],
     params: &Params,
 ) -> Vec<Option<Vec<Vec3>>> {
-    let cloth = node_mesh(&Sewn { points, triangles: &garment.triangles, groups: &garment.groups });
+    let cloth = node_mesh(&Sewn::new(garment, points));
     let anchors: Vec<Anchor> = cloth.points.par_iter().map(|p| Anchor::new(body, p)).collect();
     let neighbours = neighbours(&cloth);
     let of_shape = |shape: &BlendShape| {

@@ -34,18 +34,12 @@ impl Posed {
     /// origin.
     pub fn new(skeleton: &Skeleton) -> Posed {
         let count = skeleton.joints.len();
-        let center = |j: usize| {
-            let m = skeleton.world_from_joint.get(j);
-            m.map_or_else(Vec3::zeros, |m| Vec3::new(m[0][3], m[1][3], m[2][3]))
-        };
-        let parent = |j: usize| {
-            let p = skeleton.parents.get(j).and_then(|&p| usize::try_from(p).ok());
-            p.filter(|&p| p < count)
-        };
-        let parents: Vec<Option<usize>> = (0..count).map(parent).collect();
+        let mut centers = skeleton.positions();
+        centers.resize(count, Vec3::zeros());
+        let parents: Vec<Option<usize>> = (0..count).map(|j| skeleton.parent(j)).collect();
         let depth = |j: usize| std::iter::successors(parents[j], |&p| parents[p]).take(count).count();
         let depth = (0..count).map(depth).collect();
-        Posed { centers: (0..count).map(center).collect(), parents, depth }
+        Posed { centers, parents, depth }
     }
 
     /// `H` over `joints` for a point, up to a constant that cancels.

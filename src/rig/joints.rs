@@ -3,6 +3,8 @@
 //! A cuff beside the hand must not move with a finger. A joint that a pattern names gives its
 //! weight to the nearest ancestor that none names. Everything else is kept, helper and twist
 //! joints too: the body's own weights say where they count.
+//!
+//! A garment may say itself which joints move it, in any order ([`own`]); then no pattern counts.
 
 use super::table::Sparse;
 use crate::model::Skeleton;
@@ -18,11 +20,7 @@ const MADE_FOR_THEM: f64 = 0.25;
 /// one that `NAME` matches. A joint without a kept ancestor is kept.
 pub(super) fn targets(skeleton: &Skeleton, patterns: &[String]) -> Vec<u32> {
     let count = skeleton.joints.len();
-    let parent =
-        |j: usize| skeleton.parents.get(j).and_then(|&p| usize::try_from(p).ok()).filter(|&p| p < count);
-    // At most `count` steps: parents that go in circles are someone else's error.
-    let above = |j: usize| std::iter::successors(parent(j), |&p| parent(p)).take(count);
-    let own_name = |j: usize| skeleton.joints[j].rsplit('/').next().unwrap_or_default();
+    let own_name = |j: usize| last(&skeleton.joints[j]);
     let (below, own): (Vec<&str>, Vec<&str>) = patterns
         .iter()
         .map(|p| p.strip_suffix("/*").map_or((None, Some(p.as_str())), |p| (Some(p), None)))
@@ -35,10 +33,51 @@ pub(super) fn targets(skeleton: &Skeleton, patterns: &[String]) -> Vec<u32> {
         (0..count).map(|j| patterns.iter().any(|p| names_part(p, own_name(j)))).collect()
     };
     let (tops, named) = (named(&below), named(&own));
-    let ignored: Vec<bool> = (0..count).map(|j| named[j] || above(j).any(|a| tops[a])).collect();
-    (0..count)
-        .map(|j| if ignored[j] { above(j).find(|&a| !ignored[a]).unwrap_or(j) } else { j } as u32)
-        .collect()
+    let kept: Vec<bool> = (0..count).map(|j| !named[j] && !above(skeleton, j).any(|a| tops[a])).collect();
+    to_kept(skeleton, &kept)
+}
+
+/// For each joint the one of a garment's own joints that takes its weight, and how many of these the
+/// skeleton has. They are found by path or, where paths differ, by a name that only one joint has. With
+/// none found all joints keep their weight; so does a joint that has none of them above it.
+pub(super) fn own(skeleton: &Skeleton, names: &[String]) -> (Vec<u32>, usize) {
+    let mut kept = vec![false; skeleton.joints.len()];
+    let mut found = 0;
+    for name in names {
+        let by_path = skeleton.joints.iter().position(|joint| joint == name);
+        let mut same = (0..kept.len()).filter(|&j| last(&skeleton.joints[j]) == last(name));
+        let by_name = same.next().filter(|_| same.next().is_none());
+        if let Some(j) = by_path.or(by_name) {
+            kept[j] = true;
+            found += 1;
+        }
+    }
+    if found == 0 {
+        kept.fill(true);
+    }
+    (to_kept(skeleton, &kept), found)
+}
+
+/// Each joint itself, or its nearest kept ancestor; itself too where it has none.
+fn to_kept(skeleton: &Skeleton, kept: &[bool]) -> Vec<u32> {
+    let target = |j: usize| if kept[j] { j } else { above(skeleton, j).find(|&a| kept[a]).unwrap_or(j) };
+    (0..kept.len()).map(|j| target(j) as u32).collect()
+}
+
+/// The joints above one, the nearest first. Parents that go in circles are someone else's error.
+fn above(skeleton: &Skeleton, joint: usize) -> impl Iterator<Item = usize> {
+    let count = skeleton.joints.len();
+    std::iter::successors(skeleton.parent(joint), |&p| skeleton.parent(p)).take(count)
+}
+
+/// A joint's name without its path.
+fn last(joint: &str) -> &str {
+    joint.rsplit('/').next().unwrap_or_default()
+}
+
+/// Gives all weight to the targets.
+pub(super) fn hand_on(targets: &[u32], rows: &mut [Option<Sparse>]) {
+    rows.iter_mut().flatten().flatten().for_each(|w| w.0 = targets[w.0 as usize]);
 }
 
 /// Share of all weight that is on ignored joints, if the garment is not made for them; gives
@@ -52,7 +91,7 @@ pub(super) fn apply(targets: &[u32], rows: &mut [Option<Sparse>]) -> f64 {
     if moved > MADE_FOR_THEM * all || moved == 0.0 {
         return 0.0;
     }
-    rows.iter_mut().flatten().flatten().for_each(|w| w.0 = targets[w.0 as usize]);
+    hand_on(targets, rows);
     moved / all
 }
 
@@ -91,6 +130,20 @@ mod tests {
         assert_eq!(targets(&skeleton(&ARM), &[]), [0, 1, 2, 3, 4, 5, 6, 7]);
         // Without an ancestor to take its weight a joint keeps it.
         assert_eq!(targets(&skeleton(&["finger1", "arm"]), &patterns), [0, 1]);
+    }
+
+    #[test]
+    fn a_garment_may_say_which_joints_move_it() {
+        let names = |names: &[&str]| names.iter().map(|n| (*n).to_owned()).collect::<Vec<_>>();
+        let arm = skeleton(&ARM);
+        // In any order, by path or by name.
+        let subset = names(&["Body/LeftHand", "Hips/LeftForeArm", "Hips", "Tail"]);
+        assert_eq!(own(&arm, &subset), (vec![0, 1, 1, 3, 3, 3, 0, 0], 3));
+        // A name that two joints have names none of them; what is above all of them keeps its weight.
+        let twins = skeleton(&["A", "A/Twin", "B", "B/Twin", "B/C"]);
+        assert_eq!(own(&twins, &names(&["Twin", "C"])), (vec![0, 1, 2, 3, 4], 1));
+        assert_eq!(own(&twins, &names(&["B/Twin", "A"])), (vec![0, 0, 2, 3, 4], 2));
+        assert_eq!(own(&twins, &names(&["X"])), (vec![0, 1, 2, 3, 4], 0));
     }
 
     #[test]

@@ -43,7 +43,7 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use crate::geometry::OuterSkin;
-use crate::model::{Character, Garment, SeamGroups, Skin, Vec3};
+use crate::model::{Character, Garment, SeamGroups, Skeleton, Skin, Vec3};
 pub use check::Error;
 use cloth::Cloth;
 use influences::Posed;
@@ -69,6 +69,8 @@ pub struct Info {
     pub influence_error_max_m: f64,
     /// Share of the weight that ignored joints gave to their ancestors.
     pub ignored: f64,
+    /// Joints that the garment names itself and the skeleton has; 0 if all may move it.
+    pub own_joints: usize,
     /// Pieces of the garment whose normals point at the body and were turned for the search.
     pub turned_pieces: usize,
     /// Fraction of vertices whose weights were changed to follow the body in poses.
@@ -87,12 +89,14 @@ pub struct Sewn<'a> {
     pub triangles: &'a [[u32; 3]],
     /// What is sewn together.
     pub groups: &'a SeamGroups,
+    /// Joints that move it, if it says so itself; empty otherwise.
+    pub joints: &'a [String],
 }
 
 impl<'a> Sewn<'a> {
     /// A garment at `points`, one for each of its vertices.
     pub fn new(garment: &'a Garment, points: &'a [Vec3]) -> Sewn<'a> {
-        Sewn { points, triangles: &garment.triangles, groups: &garment.groups }
+        Sewn { points, triangles: &garment.triangles, groups: &garment.groups, joints: &garment.joints }
     }
 }
 
@@ -143,8 +147,13 @@ pub fn run_sewn(
             place.map(|(triangle, b)| table::body_weights(body, &character.skin, triangle, &b))
         })
         .collect();
-    let targets = joints::targets(&character.skeleton, &params.ignore);
-    let ignored = joints::apply(&targets, &mut rows);
+    let (own, own_joints) = joints::own(&character.skeleton, sewn.joints);
+    let ignored = if own_joints == 0 {
+        joints::apply(&joints::targets(&character.skeleton, &params.ignore), &mut rows)
+    } else {
+        joints::hand_on(&own, &mut rows);
+        0.0
+    };
     let mut table = Table::new(&rows, character.skeleton.joints.len());
     let known: Vec<bool> = rows.iter().map(Option::is_some).collect();
     inpaint::run(&cloth, &known, &mut table)?;
@@ -167,6 +176,7 @@ pub fn run_sewn(
         influences_max: capped.iter().map(Vec::len).max().unwrap_or(0),
         influence_error_max_m: lost,
         ignored,
+        own_joints,
         turned_pieces: found.turned,
         ..Info::default()
     };
@@ -212,6 +222,22 @@ fn few(cloth: &Cloth, posed: &Posed, table: &Table, params: &Params) -> (Vec<Spa
             let few = capped(FEW);
             if few.1 > params.influence_error { capped(MANY) } else { few }
         }
+    }
+}
+
+/// What leaves a point on few joints.
+pub struct Capping(Posed);
+
+impl Capping {
+    /// For a skeleton.
+    pub fn new(skeleton: &Skeleton) -> Capping {
+        Capping(Posed::new(skeleton))
+    }
+
+    /// Of the weights `row` of a point at `p` [m] at most `most`, fitted to displace it the least from where
+    /// all of them would; the largest first.
+    pub fn row(&self, p: &Vec3, row: &[(u32, f64)], most: usize) -> Vec<(u32, f64)> {
+        influences::cap(&self.0, p, &row.to_vec(), most).0
     }
 }
 

@@ -44,7 +44,7 @@ impl Default for Params {
             distance: 0.08,
             cone: 45.0,
             smoothing: 2,
-            reach: 0.04,
+            reach: 0.05,
             gap: 0.016,
             jump: 0.6,
             refine: 3,

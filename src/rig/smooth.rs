@@ -146,7 +146,12 @@ mod tests {
     fn smoothed(clearance: f64) -> (TriMesh, Table) {
         let mesh = strip(60);
         let groups = SeamGroups::new(mesh.points.len(), &[], &[]);
-        let cloth = Cloth::new(&Sewn { points: &mesh.points, triangles: &mesh.triangles, groups: &groups });
+        let cloth = Cloth::new(&Sewn {
+            points: &mesh.points,
+            triangles: &mesh.triangles,
+            groups: &groups,
+            joints: &[],
+        });
         let side = |p: &Vec3| Some(vec![(u32::from(p.x > 0.3), 1.0)]);
         let mut table = Table::new(&mesh.points.iter().map(side).collect::<Vec<_>>(), 2);
         run(&cloth, &vec![clearance; cloth.len()], 0.01, 0.03, &mut table).expect("solves");
@@ -182,7 +187,12 @@ mod tests {
     fn no_edge_keeps_a_jump() {
         let (mesh, mut table) = smoothed(0.001);
         let groups = SeamGroups::new(mesh.points.len(), &[], &[]);
-        let cloth = Cloth::new(&Sewn { points: &mesh.points, triangles: &mesh.triangles, groups: &groups });
+        let cloth = Cloth::new(&Sewn {
+            points: &mesh.points,
+            triangles: &mesh.triangles,
+            groups: &groups,
+            joints: &[],
+        });
         let largest = |table: &Table| {
             let edges =
                 (0..cloth.len()).flat_map(|n| cloth.around(n).iter().map(move |e| (n, e.node as usize)));

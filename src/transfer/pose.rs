@@ -21,7 +21,9 @@ use nalgebra::{Matrix3, Rotation3};
 use serde::Serialize;
 
 use super::align::{Motion, nearest_rotation};
-use crate::geometry::skinning::{Mat4, SkinningError, blended_matrix, parents_first, transform};
+use crate::geometry::skinning::{
+    Mat4, SkinningError, blended_matrix, from_rows, parents_first, to_rows, transform,
+};
 use crate::model::{Character, Skeleton, Skin, Vec3};
 
 /// Rounds of measuring and unposing.
@@ -128,8 +130,7 @@ pub fn unpose(source: &[Vec3], target: &Character, threshold: f64) -> Result<Opt
     character.body.points = unposed;
     for (matrix, bind) in matrices.iter().zip(&mut character.skeleton.world_from_joint) {
         let back = matrix.try_inverse().unwrap_or_else(Mat4::identity);
-        let m = back * Mat4::from_fn(|r, c| bind[r][c]);
-        *bind = std::array::from_fn(|r| std::array::from_fn(|c| m[(r, c)]));
+        *bind = to_rows(&(back * from_rows(bind)));
     }
     let info = PoseInfo {
         joint,
@@ -163,8 +164,7 @@ impl<'a> Joints<'a> {
         let skeleton = &target.skeleton;
         let order = parents_first(skeleton)
             .map_err(|error| PoseError::Skeleton { path: target.path.clone(), error })?;
-        let at = skeleton.world_from_joint.iter().map(|m| Vec3::new(m[0][3], m[1][3], m[2][3])).collect();
-        Ok(Joints { source, skeleton, skin: &target.skin, order, at })
+        Ok(Joints { source, skeleton, skin: &target.skin, order, at: skeleton.positions() })
     }
 
     /// The turn of each joint's skin from the source to `points`, against that of the whole body;
@@ -317,8 +317,7 @@ mod tests {
         let mut posed = straight.clone();
         posed.body.points = skin_points(&straight.body.points, &straight.skin, &matrices);
         for (bind, matrix) in posed.skeleton.world_from_joint.iter_mut().zip(&matrices) {
-            let m = matrix * Mat4::from_fn(|r, c| bind[r][c]);
-            *bind = std::array::from_fn(|r| std::array::from_fn(|c| m[(r, c)]));
+            *bind = to_rows(&(matrix * from_rows(bind)));
         }
         posed
     }

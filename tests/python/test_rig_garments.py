@@ -76,7 +76,7 @@ def test_an_open_jacket_over_another_layer_follows_the_trunk_on_both_sides():
     weights = rigged.dense(2)[:, 1].reshape(ALONG, AROUND)
     # Evening out flattens the slope at the free ends; in the middle it is the trunk's.
     middle = np.abs(heights[:, 0] - 0.3) < 0.1
-    assert np.abs(weights[middle] - heights[middle] / 0.6).max() < 0.07
+    assert np.abs(weights[middle] - heights[middle] / 0.6).max() < 0.08
     # Left and right are mirror images, and neither flap bleeds into the other across the gap.
     assert np.abs(weights - weights[:, ::-1]).max() < 0.02
     assert jumps(rigged.dense(2), triangles) < 0.1

@@ -281,7 +281,7 @@ class RigSettings(CoreModel):
     smoothing: Count = 2
     #: Length along the cloth over which weights are evened out, where it lies `gap` from the skin; with the
     #: power 3/2 of the distance elsewhere [m].
-    reach: Number = 0.04
+    reach: Number = 0.05
     #: Distance from the skin that `reach` is meant for [m].
     gap: Number = 0.016
     #: Largest change of the weights along an edge, as the sum of absolute differences (2 at most): where more

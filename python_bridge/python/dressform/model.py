@@ -203,6 +203,9 @@ class GarmentSource:
     panel_of_triangle: Indices
     panels: list[Panel]
     seams: list[AuthoredSeam]
+    #: Joints that move the garment (``skel:joints``), by path or name in any order; empty: all that move
+    #: its body.
+    joints: list[str] = field(default_factory=list)
     origin: MeshOrigin | None = None
     pattern_origin: PatternOrigin | None = None
 

@@ -163,6 +163,9 @@ class RigReport(_Report):
         description="largest displacement by leaving out influences, each joint turned by 45 degrees [m]"
     )
     ignored: float = Field(description="share of the weight that ignored joints gave to their ancestors")
+    own_joints: int = Field(
+        description="joints that the garment names itself and the skeleton has; 0 if all may move it"
+    )
     turned_pieces: int = Field(description="pieces that face the body, turned for the search")
     refined: float = Field(
         description="fraction of vertices with weights changed to follow the body in poses"

@@ -71,6 +71,22 @@ fn cloth_that_sinks_in_poses_is_put_back() {
     assert!(after < 0.9 * before, "{after} of {before}");
 }
 
+/// Shares of the faces that are inside, summed over the poses.
+#[test]
+fn skin_between_vertices_is_covered_again() {
+    let (body, (cloth, skin)) = (limb(), sleeve());
+    let (new, _) = refined(&body, &cloth, &skin, 3);
+    let faces = |skin: &Skin| {
+        let mesh = TriMesh { points: cloth.points.clone(), triangles: cloth.triangles.clone() };
+        let cloths = [posed::Cloth { mesh: &mesh, skin }];
+        let figures = posed::measure(&body, &OuterSkin::new(&body.body), &cloths, &poses()).remove(0);
+        figures.iter().map(|f| f.faces_inside).sum::<f64>()
+    };
+    let (before, after) = (faces(&skin), faces(&new));
+    assert!(before > 0.01, "{before}: not a hard case");
+    assert!(after < 0.6 * before, "{after} of {before}");
+}
+
 #[test]
 fn refined_weights_are_a_partition_of_unity_and_identical_across_seams() {
     let (body, (cloth, skin)) = (limb(), sleeve());

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 
 import numpy as np
-from pxr import Usd, UsdGeom
+from pxr import Usd, UsdGeom, UsdSkel
 
 from ..errors import BadInput
 from ..model import Character, Floats, GarmentSource, Outfit
@@ -112,6 +112,7 @@ def read_garment(
         panel_of_triangle=panel_of_triangle,
         panels=panels,
         seams=seams,
+        joints=[str(joint) for joint in UsdSkel.BindingAPI(prim).GetJointsAttr().Get() or ()],
         origin=origin,
         pattern_origin=pattern_origin,
     )
