@@ -22,8 +22,16 @@ from dressform.usd.garment import read_outfit
 SAMPLE = Path(__file__).resolve().parents[1] / "samples/outfits/casual_woman.usda"
 #: Degrees that arms and collar bones are turned by, up.
 RAISED = {"upperarm01": 85.0, "clavicle": 20.0}
-#: Without cone, distance and smoothing the search is the nearest point.
-NEAREST = {"cone": 180.0, "distance": 10.0, "reach": 0.0, "jump": 2.0, "ignore": [], "influences": 64}
+#: Without cone, distance, smoothing and refinement the search is the nearest point.
+NEAREST = {
+    "cone": 180.0,
+    "distance": 10.0,
+    "reach": 0.0,
+    "jump": 2.0,
+    "ignore": [],
+    "influences": 64,
+    "refine": 0,
+}
 
 
 def raised(body: Character) -> Floats:
