@@ -175,6 +175,7 @@ def summary(figures: list[dict[str, Any]]) -> dict[str, float]:
         "depth_max_mm": 1e3 * max(f["depth_max_m"] for f in figures),
         "stretch_spread": float(np.mean(spread)),
         "stretch_max": max(f["edge_stretch_max"] for f in figures),
+        "faces_inside": mean("faces_inside"),
     }
 
 
@@ -185,6 +186,7 @@ COLUMNS = (
     ("deepest mm", "depth_max_mm", "{:.1f}", 1.0),
     ("stretch p99 - p1", "stretch_spread", "{:.3f}", 1.0),
     ("largest stretch", "stretch_max", "{:.2f}", 1.0),
+    ("faces inside %", "faces_inside", "{:.2f}", 100.0),
 )
 #: Figures that are compared.
 COMPARED = ("inside", "depth_mean_mm", "stretch_spread")
