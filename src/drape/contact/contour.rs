@@ -124,7 +124,6 @@ fn until_out(
 mod tests {
     use super::*;
     use crate::drape::contact::crossing::with_itself;
-    use crate::drape::contact::fixed::Edges;
 
     /// A cone of eight triangles over a plane of two, its tip `depth` below it.
     fn cone_through_plane(depth: f64, shift: &Vec3) -> (Sheet, Vec<Vec3>) {
@@ -137,13 +136,7 @@ mod tests {
         let mut triangles: Vec<[u32; 3]> = (0..8).map(|i| [0, 1 + i, 1 + (i + 1) % 8]).collect();
         triangles.extend([[9, 11, 10], [9, 12, 11]]);
         let ids: Vec<u32> = (0..x.len() as u32).collect();
-        let sheet = Sheet {
-            node: ids.clone(),
-            vertex: ids,
-            edges: Edges::new(&triangles),
-            triangles,
-            source: x.clone(),
-        };
+        let sheet = Sheet::of(ids.clone(), ids, triangles, x.clone());
         (sheet, x)
     }
 

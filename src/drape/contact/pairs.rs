@@ -8,7 +8,7 @@ use super::ccd::Shape;
 use super::crossing::Tangles;
 use super::fixed::{Fixed, Hidden};
 use super::sheet::Sheet;
-use super::tree::{BoxTree, bounds};
+use super::tree::{Bounds, BoxTree, bounds};
 use crate::model::Vec3;
 
 /// Share of the distance on the source at which a pair of one garment starts to resist.
@@ -18,6 +18,8 @@ const SIDE_REACH: f64 = 0.015;
 /// While anything is tangled, pairs closer than this do not resist: one that all but touches
 /// would hold up the whole garment, and if it crosses it is tangled itself [m].
 const TOUCHING: f64 = 1e-5;
+/// Primitives that share a walk through a tree.
+pub(super) const GROUP: usize = 8;
 /// Marks a corner that belongs to a collider.
 pub const FIXED: u32 = u32::MAX;
 
@@ -152,35 +154,32 @@ impl Scene<'_> {
         let near = |role, a, b, mode| {
             self.within(Pair { role, collider: c as u16, a, b, radius, found_at: 0.0, mode }, x, reach)
         };
-        let points = gather(x.len(), |v, list| {
-            // A point inside has one spring of its own, see `narrow`.
-            if !inside[v] {
-                collider.triangle_tree.query(&bounds(&[x[v]], reach), &mut |t| {
-                    if shown(|h| &h.triangles, t) {
-                        list.extend(near(Role::OnCollider, v as u32, t, Mode::Clean));
-                    }
-                });
+        let around = |v: u32| bounds(&[x[v as usize]], reach);
+        // A point inside has one spring of its own, see `narrow`.
+        let outside = |v: u32| (!inside[v as usize]).then(|| around(v));
+        let points = gather(&sheet.order.points, outside, &collider.triangle_tree, |v, t| {
+            if !shown(|h| &h.triangles, t) {
+                return None;
             }
+            near(Role::OnCollider, v, t, Mode::Clean)
         });
-        let faces = gather(sheet.triangles.len(), |t, list| {
-            let tri = sheet.triangles[t];
-            let tangled = tangles.triangles[c][t] || tri.iter().any(|&p| inside[p as usize]);
-            let mode = if tangled { wrong } else { Mode::Clean };
-            collider.point_tree.query(&bounds(&tri.map(|i| x[i as usize]), reach), &mut |p| {
-                if collider.used[p as usize] && shown(|h| &h.points, p) {
-                    list.extend(near(Role::UnderCloth, p, t as u32, mode));
-                }
-            });
+        let corners = |t: u32| sheet.triangles[t as usize];
+        let around = |t: u32| Some(bounds(&corners(t).map(|i| x[i as usize]), reach));
+        let faces = gather(&sheet.order.triangles, around, &collider.point_tree, |t, p| {
+            if !collider.used[p as usize] || !shown(|h| &h.points, p) {
+                return None;
+            }
+            let tangled = tangles.triangles[c][t as usize] || corners(t).iter().any(|&p| inside[p as usize]);
+            near(Role::UnderCloth, p, t, if tangled { wrong } else { Mode::Clean })
         });
-        let edges = gather(sheet.edges.ends.len(), |e, list| {
-            let ends = sheet.edges.ends[e];
-            let tangled = crossed[e] || ends.iter().any(|&p| inside[p as usize]);
-            let mode = if tangled { wrong } else { Mode::Clean };
-            collider.edge_tree.query(&bounds(&ends.map(|i| x[i as usize]), reach), &mut |f| {
-                if shown(|h| &h.edges, f) {
-                    list.extend(near(Role::EdgeCollider, e as u32, f, mode));
-                }
-            });
+        let ends = |e: u32| sheet.edges.ends[e as usize];
+        let around = |e: u32| Some(bounds(&ends(e).map(|i| x[i as usize]), reach));
+        let edges = gather(&sheet.order.edges, around, &collider.edge_tree, |e, f| {
+            if !shown(|h| &h.edges, f) {
+                return None;
+            }
+            let tangled = crossed[e as usize] || ends(e).iter().any(|&p| inside[p as usize]);
+            near(Role::EdgeCollider, e, f, if tangled { wrong } else { Mode::Clean })
         });
         [points, faces, edges].concat()
     }
@@ -210,20 +209,16 @@ impl Scene<'_> {
             }
             Some(pair)
         };
-        let faces = gather(x.len(), |v, list| {
-            faces_tree.query(&bounds(&[x[v]], reach), &mut |t| {
-                if !sheet.share_node(&[v as u32], &sheet.triangles[t as usize]) {
-                    list.extend(make(Role::OwnFace, v as u32, t));
-                }
-            });
+        let around = |v: u32| Some(bounds(&[x[v as usize]], reach));
+        let faces = gather(&sheet.order.points, around, &faces_tree, |v, t| {
+            let apart = !sheet.share_node(&[v], &sheet.triangles[t as usize]);
+            apart.then(|| make(Role::OwnFace, v, t)).flatten()
         });
-        let edges = gather(sheet.edges.ends.len(), |e, list| {
-            let own = sheet.edges.ends[e];
-            edges_tree.query(&bounds(&own.map(|i| x[i as usize]), reach), &mut |f| {
-                if (f as usize) > e && !sheet.share_node(&own, &sheet.edges.ends[f as usize]) {
-                    list.extend(make(Role::OwnEdges, e as u32, f));
-                }
-            });
+        let ends = |e: u32| &sheet.edges.ends[e as usize];
+        let around = |e: u32| Some(bounds(&ends(e).map(|i| x[i as usize]), reach));
+        let edges = gather(&sheet.order.edges, around, &edges_tree, |e, f| {
+            let apart = f > e && !sheet.share_node(ends(e), ends(f));
+            apart.then(|| make(Role::OwnEdges, e, f)).flatten()
         });
         [faces, edges].concat()
     }
@@ -292,16 +287,21 @@ pub struct Beyond {
     pub own: f64,
 }
 
-/// Lists for `n` elements, computed in parallel, each sorted, in the order of the elements.
-fn gather(n: usize, f: impl Fn(usize, &mut Vec<Pair>) + Sync) -> Vec<Pair> {
-    let lists: Vec<Vec<Pair>> = (0..n)
-        .into_par_iter()
-        .map(|i| {
-            let mut list = Vec::new();
-            f(i, &mut list);
-            list.sort_unstable_by_key(|p| (p.a, p.b));
-            list
-        })
-        .collect();
+/// The pairs that `make` makes of primitives in `order` and the items of `tree` that are near
+/// them; always in the same order. Neighbours in `order` share a walk through the tree.
+fn gather(
+    order: &[u32],
+    around: impl Fn(u32) -> Option<Bounds> + Sync,
+    tree: &BoxTree,
+    make: impl Fn(u32, u32) -> Option<Pair> + Sync,
+) -> Vec<Pair> {
+    let of_group = |group: &[u32]| {
+        let queries: Vec<(u32, Bounds)> = group.iter().filter_map(|&i| Some((i, around(i)?))).collect();
+        let mut list = Vec::new();
+        tree.query_all(&queries, &mut |i, item| list.extend(make(i, item)));
+        list.sort_unstable_by_key(|p: &Pair| (p.a, p.b));
+        list
+    };
+    let lists: Vec<Vec<Pair>> = order.par_chunks(GROUP).map(of_group).collect();
     lists.concat()
 }

@@ -135,7 +135,6 @@ fn pieces(sheet: &Sheet) -> Vec<u32> {
 mod tests {
     use super::*;
     use crate::drape::contact::crossing::with_itself;
-    use crate::drape::contact::fixed::Edges;
 
     /// Squares of `n` by `n` cells, placed by functions.
     fn sheets(n: usize, places: &[&dyn Fn(f64, f64) -> Vec3]) -> (Sheet, Vec<Vec3>) {
@@ -154,8 +153,7 @@ mod tests {
             }
         }
         let node: Vec<u32> = (0..x.len() as u32).collect();
-        let edges = Edges::new(&triangles);
-        (Sheet { vertex: node.clone(), node, edges, triangles, source: x.clone() }, x)
+        (Sheet::of(node.clone(), node, triangles, x.clone()), x)
     }
 
     fn regions(sheet: &Sheet, x: &[Vec3]) -> Regions {

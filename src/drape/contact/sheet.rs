@@ -3,6 +3,7 @@
 use std::collections::HashMap;
 
 use super::fixed::Edges;
+use super::tree::{BoxTree, bounds};
 use crate::model::{Garment, Vec3};
 
 /// The garment's surface over *contact points*: one for each node, and one for each vertex
@@ -19,6 +20,30 @@ pub struct Sheet {
     pub edges: Edges,
     /// Contact points on the source body [m].
     pub source: Vec<Vec3>,
+    /// Primitives in an order in which neighbours on the source follow each other.
+    pub order: Order,
+}
+
+/// An order of contact points, triangles and edges for searches that neighbours share.
+#[derive(Clone, Debug)]
+pub struct Order {
+    /// Contact points.
+    pub points: Vec<u32>,
+    /// Triangles.
+    pub triangles: Vec<u32>,
+    /// Edges.
+    pub edges: Vec<u32>,
+}
+
+impl Order {
+    fn new(points: &[Vec3], triangles: &[[u32; 3]], edges: &[[u32; 2]]) -> Order {
+        let at = |i: u32| points[i as usize];
+        Order {
+            points: BoxTree::new(points.iter().map(|p| (*p, *p))).order(),
+            triangles: BoxTree::new(triangles.iter().map(|t| bounds(&t.map(at), 0.0))).order(),
+            edges: BoxTree::new(edges.iter().map(|e| bounds(&e.map(at), 0.0))).order(),
+        }
+    }
 }
 
 impl Sheet {
@@ -41,7 +66,14 @@ impl Sheet {
         let triangles: Vec<[u32; 3]> =
             garment.triangles.iter().map(|t| t.map(|v| point_of_vertex[v as usize])).collect();
         let source = vertex.iter().map(|&v| garment.points[v as usize]).collect();
-        Sheet { node, vertex, edges: Edges::new(&triangles), triangles, source }
+        Sheet::of(node, vertex, triangles, source)
+    }
+
+    /// The sheet of these contact points and triangles, see the fields.
+    pub(super) fn of(node: Vec<u32>, vertex: Vec<u32>, triangles: Vec<[u32; 3]>, source: Vec<Vec3>) -> Sheet {
+        let edges = Edges::new(&triangles);
+        let order = Order::new(&source, &triangles, &edges.ends);
+        Sheet { node, vertex, triangles, edges, source, order }
     }
 
     /// Contact points from vertices.

@@ -4,7 +4,7 @@
 use rayon::prelude::*;
 
 use super::ccd;
-use super::pairs::{Mode, Pair, Role, Scene};
+use super::pairs::{GROUP, Mode, Pair, Role, Scene};
 use super::tree::{Bounds, BoxTree, bounds};
 use crate::model::Vec3;
 
@@ -47,21 +47,17 @@ impl Path<'_> {
 
     fn past_collider(&self, c: usize) -> f64 {
         let (sheet, collider) = (&self.scene.sheet, &self.scene.colliders[c]);
-        let points = least(self.x.len(), |v, share| {
-            collider
-                .triangle_tree
-                .query(&self.swept([v]), &mut |t| share(self.share(Role::OnCollider, c, v, t)));
+        let swept = |v: u32| self.swept([v]);
+        let points = least(&sheet.order.points, swept, &collider.triangle_tree, |v, t| {
+            self.share(Role::OnCollider, c, v, t)
         });
-        let faces = least(sheet.triangles.len(), |t, share| {
-            collider.point_tree.query(&self.swept(sheet.triangles[t as usize]), &mut |p| {
-                if collider.used[p as usize] {
-                    share(self.share(Role::UnderCloth, c, p, t));
-                }
-            });
+        let swept = |t: u32| self.swept(sheet.triangles[t as usize]);
+        let faces = least(&sheet.order.triangles, swept, &collider.point_tree, |t, p| {
+            if collider.used[p as usize] { self.share(Role::UnderCloth, c, p, t) } else { 1.0 }
         });
-        let edges = least(sheet.edges.ends.len(), |e, share| {
-            let swept = self.swept(sheet.edges.ends[e as usize]);
-            collider.edge_tree.query(&swept, &mut |f| share(self.share(Role::EdgeCollider, c, e, f)));
+        let swept = |e: u32| self.swept(sheet.edges.ends[e as usize]);
+        let edges = least(&sheet.order.edges, swept, &collider.edge_tree, |e, f| {
+            self.share(Role::EdgeCollider, c, e, f)
         });
         points.min(faces).min(edges)
     }
@@ -70,33 +66,39 @@ impl Path<'_> {
         let sheet = &self.scene.sheet;
         let faces = BoxTree::new(sheet.triangles.iter().map(|&t| self.swept(t)));
         let edges = BoxTree::new(sheet.edges.ends.iter().map(|&e| self.swept(e)));
-        let by_points = least(self.x.len(), |v, share| {
-            faces.query(&self.swept([v]), &mut |t| {
-                if !sheet.share_node(&[v], &sheet.triangles[t as usize]) {
-                    share(self.share(Role::OwnFace, 0, v, t));
-                }
-            });
+        let swept = |v: u32| self.swept([v]);
+        let by_points = least(&sheet.order.points, swept, &faces, |v, t| {
+            let apart = !sheet.share_node(&[v], &sheet.triangles[t as usize]);
+            if apart { self.share(Role::OwnFace, 0, v, t) } else { 1.0 }
         });
-        let by_edges = least(sheet.edges.ends.len(), |e, share| {
-            let own = sheet.edges.ends[e as usize];
-            edges.query(&self.swept(own), &mut |f| {
-                if f > e && !sheet.share_node(&own, &sheet.edges.ends[f as usize]) {
-                    share(self.share(Role::OwnEdges, 0, e, f));
-                }
-            });
-        });
+        let ends = |e: u32| sheet.edges.ends[e as usize];
+        let by_edges = least(
+            &sheet.order.edges,
+            |e| self.swept(ends(e)),
+            &edges,
+            |e, f| {
+                let apart = f > e && !sheet.share_node(&ends(e), &ends(f));
+                if apart { self.share(Role::OwnEdges, 0, e, f) } else { 1.0 }
+            },
+        );
         by_points.min(by_edges)
     }
 }
 
-/// The least share that `f` gives for any of `n` elements, at most 1.
-fn least(n: usize, f: impl Fn(u32, &mut dyn FnMut(f64)) + Sync) -> f64 {
-    let of = |i: usize| {
+/// The least share, at most 1, of all primitives in `order` and the items of `tree` on their way.
+fn least(
+    order: &[u32],
+    swept: impl Fn(u32) -> Bounds + Sync,
+    tree: &BoxTree,
+    share: impl Fn(u32, u32) -> f64 + Sync,
+) -> f64 {
+    let of_group = |group: &[u32]| {
+        let queries: Vec<(u32, Bounds)> = group.iter().map(|&i| (i, swept(i))).collect();
         let mut least = 1.0_f64;
-        f(i as u32, &mut |share| least = least.min(share));
+        tree.query_all(&queries, &mut |i, item| least = least.min(share(i, item)));
         least
     };
-    (0..n).into_par_iter().map(of).reduce(|| 1.0, f64::min)
+    order.par_chunks(GROUP).map(of_group).reduce(|| 1.0, f64::min)
 }
 
 #[cfg(test)]

@@ -15,13 +15,39 @@ pub fn bounds(points: &[Vec3], margin: f64) -> Bounds {
     (lo - m, hi + m)
 }
 
-fn overlap(a: &Bounds, b: &Bounds) -> bool {
-    (0..3).all(|k| a.0[k] <= b.1[k] && b.0[k] <= a.1[k])
+/// A box in `f32`, rounded outwards: half the memory to walk through, and never less than the box.
+#[derive(Clone, Copy, Debug)]
+struct Small {
+    lo: [f32; 3],
+    hi: [f32; 3],
+}
+
+impl From<&Bounds> for Small {
+    fn from((lo, hi): &Bounds) -> Small {
+        let down = |v: f64| if f64::from(v as f32) > v { (v as f32).next_down() } else { v as f32 };
+        let up = |v: f64| -down(-v);
+        Small { lo: [down(lo.x), down(lo.y), down(lo.z)], hi: [up(hi.x), up(hi.y), up(hi.z)] }
+    }
+}
+
+impl Small {
+    /// Without a branch for each axis, which would be mispredicted half of the time.
+    fn meets(&self, other: &Small) -> bool {
+        let axis = |k: usize| (self.lo[k] <= other.hi[k]) & (other.lo[k] <= self.hi[k]);
+        axis(0) & axis(1) & axis(2)
+    }
+
+    fn with(&self, other: &Small) -> Small {
+        Small {
+            lo: std::array::from_fn(|k| self.lo[k].min(other.lo[k])),
+            hi: std::array::from_fn(|k| self.hi[k].max(other.hi[k])),
+        }
+    }
 }
 
 #[derive(Clone, Debug)]
 struct Node {
-    bounds: Bounds,
+    bounds: Small,
     /// Where to go on when the box is missed.
     skip: u32,
     /// First item and number of items (0 in an inner node).
@@ -32,13 +58,13 @@ struct Node {
 #[derive(Clone, Debug, Default)]
 pub struct BoxTree {
     nodes: Vec<Node>,
-    items: Vec<(u32, Bounds)>,
+    items: Vec<(u32, Small)>,
 }
 
 impl BoxTree {
     /// A tree over `boxes`; items are their indices.
     pub fn new(boxes: impl Iterator<Item = Bounds>) -> BoxTree {
-        let mut items: Vec<(u32, Bounds)> = boxes.enumerate().map(|(i, b)| (i as u32, b)).collect();
+        let mut items: Vec<(u32, Small)> = boxes.enumerate().map(|(i, b)| (i as u32, (&b).into())).collect();
         let mut nodes = Vec::with_capacity(items.len());
         if !items.is_empty() {
             let count = items.len();
@@ -47,35 +73,59 @@ impl BoxTree {
         BoxTree { nodes, items }
     }
 
+    /// All items, neighbours in the tree next to each other.
+    pub fn order(&self) -> Vec<u32> {
+        self.items.iter().map(|(item, _)| *item).collect()
+    }
+
     /// Calls `f` with every item whose box meets `query`.
     pub fn query(&self, query: &Bounds, f: &mut dyn FnMut(u32)) {
+        let query = query.into();
+        self.walk(&query, &mut |items| {
+            items.iter().filter(|(_, bounds)| bounds.meets(&query)).for_each(|(item, _)| f(*item));
+        });
+    }
+
+    /// Calls `f` with every query and item whose boxes meet. Queries that lie near each other
+    /// share one walk through the tree.
+    pub fn query_all(&self, queries: &[(u32, Bounds)], f: &mut dyn FnMut(u32, u32)) {
+        let small: Vec<(u32, Small)> = queries.iter().map(|(q, b)| (*q, b.into())).collect();
+        let Some(all) = small.iter().map(|(_, b)| *b).reduce(|a, b| a.with(&b)) else { return };
+        self.walk(&all, &mut |items| {
+            for (item, bounds) in items.iter().filter(|(_, bounds)| bounds.meets(&all)) {
+                small.iter().filter(|(_, b)| b.meets(bounds)).for_each(|(q, _)| f(*q, *item));
+            }
+        });
+    }
+
+    /// Calls `f` with the items of every leaf that meets `query`.
+    fn walk(&self, query: &Small, f: &mut dyn FnMut(&[(u32, Small)])) {
         let mut at = 0;
         while let Some(node) = self.nodes.get(at) {
-            if !overlap(&node.bounds, query) {
+            if !node.bounds.meets(query) {
                 at = node.skip as usize;
                 continue;
             }
             let (first, count) = (node.items.0 as usize, node.items.1 as usize);
-            for (item, bounds) in &self.items[first..first + count] {
-                if overlap(bounds, query) {
-                    f(*item);
-                }
+            if count > 0 {
+                f(&self.items[first..first + count]);
             }
             at += 1;
         }
     }
 }
 
-fn build(items: &mut [(u32, Bounds)], first: usize, count: usize, nodes: &mut Vec<Node>) {
+fn build(items: &mut [(u32, Small)], first: usize, count: usize, nodes: &mut Vec<Node>) {
     let slice = &mut items[first..first + count];
-    let all = slice[1..].iter().fold(slice[0].1, |a, (_, b)| (a.0.inf(&b.0), a.1.sup(&b.1)));
+    let all = slice[1..].iter().fold(slice[0].1, |a, (_, b)| a.with(b));
     let at = nodes.len();
     let leaf = count <= LEAF;
     nodes.push(Node { bounds: all, skip: 0, items: (first as u32, if leaf { count as u32 } else { 0 }) });
     if !leaf {
-        let axis = (all.1 - all.0).imax();
+        let size = |k: usize| all.hi[k] - all.lo[k];
+        let axis = (1..3).fold(0, |best, k| if size(k) > size(best) { k } else { best });
         let half = count / 2;
-        let key = |i: &(u32, Bounds)| i.1.0[axis] + i.1.1[axis];
+        let key = |i: &(u32, Small)| i.1.lo[axis] + i.1.hi[axis];
         // Ties by index, so that the tree is the same in every run.
         slice.select_nth_unstable_by(half, |a, b| key(a).total_cmp(&key(b)).then(a.0.cmp(&b.0)));
         build(items, first, half, nodes);
@@ -101,8 +151,36 @@ mod tests {
             let mut found = Vec::new();
             tree.query(q, &mut |i| found.push(i));
             found.sort_unstable();
-            let expected: Vec<u32> = (0..300).filter(|&i| overlap(&boxes[i as usize], q)).collect();
+            let overlap = |a: &Bounds| (0..3).all(|k| a.0[k] <= q.1[k] && q.0[k] <= a.1[k]);
+            let expected: Vec<u32> = (0..300).filter(|&i| overlap(&boxes[i as usize])).collect();
             assert_eq!(found, expected);
+        }
+    }
+
+    #[test]
+    fn shared_walks_find_what_each_query_finds() {
+        let at = |i: u32| Vec3::new(f64::from(i * 37 % 101), f64::from(i * 53 % 97), f64::from(i * 71 % 89));
+        let boxes: Vec<Bounds> = (0..300).map(|i| bounds(&[at(i)], 4.0)).collect();
+        let tree = BoxTree::new(boxes.iter().copied());
+        let mut order = tree.order();
+        let queries: Vec<(u32, Bounds)> = order.iter().map(|&i| (i, boxes[i as usize])).collect();
+        let (mut together, mut apart) = (Vec::new(), Vec::new());
+        for group in queries.chunks(8) {
+            tree.query_all(group, &mut |q, i| together.push((q, i)));
+            group.iter().for_each(|(q, b)| tree.query(b, &mut |i| apart.push((*q, i))));
+        }
+        together.sort_unstable();
+        apart.sort_unstable();
+        assert_eq!(together, apart);
+        order.sort_unstable();
+        assert_eq!(order, (0..300).collect::<Vec<u32>>());
+    }
+
+    #[test]
+    fn boxes_only_grow_by_rounding() {
+        for v in [0.1, -0.1, 1.0 + 1e-12, -1e-40, 12345.678_912] {
+            let small = Small::from(&(Vec3::repeat(v), Vec3::repeat(v)));
+            assert!(f64::from(small.lo[0]) <= v && v <= f64::from(small.hi[0]), "{v}");
         }
     }
 }
