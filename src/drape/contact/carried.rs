@@ -10,7 +10,8 @@ use rayon::prelude::*;
 use super::Contact;
 use super::ccd;
 use super::fixed::Fixed;
-use super::pairs::{Beyond, Mode, Pair, Role};
+use super::pairs::{Mode, Pair, Role};
+use super::search::{Among, Beyond};
 use crate::model::Vec3;
 
 /// Least distance at which pairs are looked for, beyond what moves can bridge [m].
@@ -23,7 +24,7 @@ impl<'a> Contact<'a> {
         let longest = |list: &[Vec3]| list.iter().map(Vec3::norm_squared).fold(0.0, f64::max).sqrt();
         let colliders = moves.iter().map(|m| longest(m)).fold(0.0, f64::max);
         let beyond = Beyond { collider: longest(dx) + colliders + REACH, own: 2.0 * longest(dx) + REACH };
-        let pairs = self.scene.pairs(x, &self.radii, beyond, &self.tangles);
+        let pairs = self.scene.pairs(x, &self.radii, beyond, &self.tangles, Among(None));
         let share = |pair: &Pair| {
             if !matches!(pair.mode, Mode::Clean) {
                 return 1.0;

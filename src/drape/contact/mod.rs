@@ -32,6 +32,7 @@ pub mod narrow;
 pub mod operator;
 pub mod pairs;
 pub mod regions;
+pub mod search;
 pub mod sheet;
 pub mod stencil;
 mod swept;
@@ -42,7 +43,8 @@ use rayon::prelude::*;
 use aim::Aim;
 use crossing::Tangles;
 use narrow::Contacts;
-use pairs::{Beyond, Mode, Pair, Radii, Scene};
+use pairs::{FIXED, Mode, Pair, Radii, Scene};
+use search::{Among, Beyond};
 
 use crate::device::Kernel;
 use crate::model::Vec3;
@@ -146,15 +148,39 @@ impl<'a> Contact<'a> {
         solids.map(depth).fold(0.0, f64::max)
     }
 
+    /// Searches all pairs at `x`.
     fn build(&mut self, x: &[Vec3]) {
+        self.built_at = x.to_vec();
+        self.pairs.clear();
+        self.search(None);
+    }
+
+    /// Searches the pairs of points that are farther than `share` of the budget from where their
+    /// pairs were found. Pairs are those near each other where each of their points was then, so
+    /// that two points may move by the whole budget each, whenever they were looked at.
+    fn build_moved(&mut self, x: &[Vec3], share: f64) {
+        let far = share * self.budget();
+        let moved: Vec<bool> = x.iter().zip(&self.built_at).map(|(x, b)| (x - b).norm() > far).collect();
+        self.built_at.iter_mut().zip(x).zip(&moved).filter(|(_, m)| **m).for_each(|((b, x), _)| *b = *x);
+        let scene = &self.scene;
+        let stays = |pair: &Pair| {
+            let (_, ids) = scene.corners(pair, x);
+            !ids.iter().any(|&i| i != FIXED && moved[i as usize])
+        };
+        self.pairs.retain(stays);
+        self.search(Some(&moved));
+    }
+
+    fn search(&mut self, among: Option<&[bool]>) {
         let sides = if self.tangles.is_clean() { 1.0 } else { 2.0 };
         let beyond = Beyond { collider: sides * self.budget(), own: 2.0 * self.budget() };
-        self.pairs = self.scene.pairs(x, &self.radii, beyond, &self.tangles);
+        let x = &self.built_at;
+        let mut found = self.scene.pairs(x, &self.radii, beyond, &self.tangles, Among(among));
         if self.passing == Passing::Layers {
             let colliders = &self.scene.colliders;
-            self.pairs.retain(|p| p.role.is_own() || colliders[p.collider as usize].solid);
+            found.retain(|p| p.role.is_own() || colliders[p.collider as usize].solid);
         }
-        self.built_at = x.to_vec();
+        self.pairs.append(&mut found);
     }
 
     /// How far a point has moved at most since the pairs were found [m].
@@ -183,14 +209,14 @@ impl<'a> Contact<'a> {
         if enough || long {
             return (false, if long { LONGEST } else { left });
         }
-        self.build(x);
-        (true, budget)
+        self.build_moved(x, 0.2);
+        (true, budget - self.moved(x))
     }
 
     /// Searches pairs again at `x` if it is farther away than their budget.
     pub fn keep_up(&mut self, x: &[Vec3]) {
         if self.passing != Passing::All && self.moved(x) > self.budget() {
-            self.build(x);
+            self.build_moved(x, 0.5);
         }
     }
 

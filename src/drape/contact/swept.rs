@@ -4,7 +4,8 @@
 use rayon::prelude::*;
 
 use super::ccd;
-use super::pairs::{GROUP, Mode, Pair, Role, Scene};
+use super::pairs::{Mode, Pair, Role, Scene};
+use super::search::GROUP;
 use super::tree::{Bounds, BoxTree, bounds};
 use crate::model::Vec3;
 

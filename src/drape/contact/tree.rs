@@ -45,6 +45,9 @@ impl Small {
     }
 }
 
+/// An item and its box.
+type Item = (u32, Small);
+
 #[derive(Clone, Debug)]
 struct Node {
     bounds: Small,
@@ -58,13 +61,13 @@ struct Node {
 #[derive(Clone, Debug, Default)]
 pub struct BoxTree {
     nodes: Vec<Node>,
-    items: Vec<(u32, Small)>,
+    items: Vec<Item>,
 }
 
 impl BoxTree {
     /// A tree over `boxes`; items are their indices.
     pub fn new(boxes: impl Iterator<Item = Bounds>) -> BoxTree {
-        let mut items: Vec<(u32, Small)> = boxes.enumerate().map(|(i, b)| (i as u32, (&b).into())).collect();
+        let mut items: Vec<Item> = boxes.enumerate().map(|(i, b)| (i as u32, (&b).into())).collect();
         let mut nodes = Vec::with_capacity(items.len());
         if !items.is_empty() {
             let count = items.len();
@@ -89,7 +92,7 @@ impl BoxTree {
     /// Calls `f` with every query and item whose boxes meet. Queries that lie near each other
     /// share one walk through the tree.
     pub fn query_all(&self, queries: &[(u32, Bounds)], f: &mut dyn FnMut(u32, u32)) {
-        let small: Vec<(u32, Small)> = queries.iter().map(|(q, b)| (*q, b.into())).collect();
+        let small: Vec<Item> = queries.iter().map(|(q, b)| (*q, b.into())).collect();
         let Some(all) = small.iter().map(|(_, b)| *b).reduce(|a, b| a.with(&b)) else { return };
         self.walk(&all, &mut |items| {
             for (item, bounds) in items.iter().filter(|(_, bounds)| bounds.meets(&all)) {
@@ -99,7 +102,7 @@ impl BoxTree {
     }
 
     /// Calls `f` with the items of every leaf that meets `query`.
-    fn walk(&self, query: &Small, f: &mut dyn FnMut(&[(u32, Small)])) {
+    fn walk(&self, query: &Small, f: &mut dyn FnMut(&[Item])) {
         let mut at = 0;
         while let Some(node) = self.nodes.get(at) {
             if !node.bounds.meets(query) {
@@ -115,7 +118,7 @@ impl BoxTree {
     }
 }
 
-fn build(items: &mut [(u32, Small)], first: usize, count: usize, nodes: &mut Vec<Node>) {
+fn build(items: &mut [Item], first: usize, count: usize, nodes: &mut Vec<Node>) {
     let slice = &mut items[first..first + count];
     let all = slice[1..].iter().fold(slice[0].1, |a, (_, b)| a.with(b));
     let at = nodes.len();
@@ -125,7 +128,7 @@ fn build(items: &mut [(u32, Small)], first: usize, count: usize, nodes: &mut Vec
         let size = |k: usize| all.hi[k] - all.lo[k];
         let axis = (1..3).fold(0, |best, k| if size(k) > size(best) { k } else { best });
         let half = count / 2;
-        let key = |i: &(u32, Small)| i.1.lo[axis] + i.1.hi[axis];
+        let key = |i: &Item| i.1.lo[axis] + i.1.hi[axis];
         // Ties by index, so that the tree is the same in every run.
         slice.select_nth_unstable_by(half, |a, b| key(a).total_cmp(&key(b)).then(a.0.cmp(&b.0)));
         build(items, first, half, nodes);
@@ -178,7 +181,7 @@ mod tests {
 
     #[test]
     fn boxes_only_grow_by_rounding() {
-        for v in [0.1, -0.1, 1.0 + 1e-12, -1e-40, 12345.678_912] {
+        for v in [0.1, -0.1, 1.0 + 1e-12, -1e-40, 12_345.678_912] {
             let small = Small::from(&(Vec3::repeat(v), Vec3::repeat(v)));
             assert!(f64::from(small.lo[0]) <= v && v <= f64::from(small.hi[0]), "{v}");
         }
