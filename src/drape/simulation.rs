@@ -274,6 +274,13 @@ impl<'a> Simulation<'a> {
         self.at_rest(h, Until { most: PUSH_ITERATIONS, stubborn: true, ..self.to_tolerance() })
     }
 
+    /// Towards the equilibrium of the cloth with nothing in the way around tangles.
+    pub(super) fn loosen(&mut self, h: f64) -> Result<StepInfo, Error> {
+        self.offsets.turn(&self.x);
+        self.contact.loosen(&self.points());
+        self.at_rest(h, Until { most: PUSH_ITERATIONS, ..self.to_tolerance() })
+    }
+
     /// An iteration towards the aims of points inside of solids, nothing else in the way.
     pub(super) fn draw(&mut self, h: f64) -> Result<StepInfo, Error> {
         self.offsets.turn(&self.x);

@@ -69,6 +69,32 @@ impl Tangles {
         self.crossings == 0 && self.own.is_empty() && self.inside.iter().all(|i| !i.contains(&true))
     }
 
+    /// The contact points of all that is tangled, and those around them, by so many rings of edges.
+    pub fn around(&self, sheet: &Sheet, rings: usize) -> Vec<bool> {
+        let mut near = vec![false; sheet.node.len()];
+        let mut mark = |points: &[u32]| points.iter().for_each(|&p| near[p as usize] = true);
+        for [e, t] in &self.own {
+            mark(&sheet.edges.ends[*e as usize]);
+            mark(&sheet.triangles[*t as usize]);
+        }
+        for (triangle, corners) in sheet.triangles.iter().enumerate() {
+            if self.triangles.iter().any(|of| of[triangle]) {
+                mark(corners);
+            }
+        }
+        for inside in &self.inside {
+            (0..near.len()).filter(|&p| inside[p]).for_each(|p| near[p] = true);
+        }
+        for _ in 0..rings {
+            let last = near.clone();
+            for [p, q] in &sheet.edges.ends {
+                near[*p as usize] |= last[*q as usize];
+                near[*q as usize] |= last[*p as usize];
+            }
+        }
+        near
+    }
+
     /// Contact points on a wrong side.
     pub fn inside_count(&self) -> usize {
         self.inside.iter().flatten().filter(|&&i| i).count()

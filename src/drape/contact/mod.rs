@@ -63,6 +63,9 @@ const ROUNDING: f64 = 1e-12;
 /// Longest move in an iteration [m].
 const LONGEST: f64 = 0.05;
 
+/// Rings of edges around a tangle that [`Contact::loosen`] frees.
+const RINGS: usize = 2;
+
 /// What the cloth may pass through.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Passing {
@@ -70,6 +73,8 @@ enum Passing {
     Tangled,
     /// Lower layers, see [`Contact::lift`].
     Layers,
+    /// What is within a few edges of a tangle, see [`Contact::loosen`].
+    Around,
     /// Everything; only aims act, see [`Contact::let_through`].
     All,
 }
@@ -141,6 +146,14 @@ impl<'a> Contact<'a> {
         true
     }
 
+    /// Until the next classification, lets cloth around tangles through everything, without aims:
+    /// what its neighbours pull out by itself needs no push.
+    pub fn loosen(&mut self, x: &[Vec3]) {
+        self.aims.clear();
+        self.passing = Passing::Around;
+        self.build(x);
+    }
+
     /// How deep the deepest point inside of a solid is [m].
     pub fn deepest(&self, x: &[Vec3]) -> f64 {
         let depth = |aim: &Aim| aim.short_of(x) - aim.radius;
@@ -179,6 +192,11 @@ impl<'a> Contact<'a> {
         if self.passing == Passing::Layers {
             let colliders = &self.scene.colliders;
             found.retain(|p| p.role.is_own() || colliders[p.collider as usize].solid);
+        }
+        if self.passing == Passing::Around {
+            let loose = self.tangles.around(&self.scene.sheet, RINGS);
+            let holds = |i: &u32| *i == FIXED || !loose[*i as usize];
+            found.retain(|p| self.scene.corners(p, x).1.iter().all(holds));
         }
         self.pairs.append(&mut found);
     }

@@ -21,6 +21,8 @@ use super::{Error, FRAME, Info};
 
 /// Starts deeper than this are drawn out before they are pushed [m].
 const DEEP: f64 = 0.01;
+/// Pushes after which what is still tangled is loosened.
+const PATIENCE: usize = 8;
 /// Most iterations of a draw.
 const MOST_DRAWS: usize = 40;
 
@@ -45,9 +47,14 @@ pub(super) fn push_out(
         info.lifts += 1;
         simulation.reclassify();
     }
-    for _ in 0..most {
+    for i in 0..most {
         if simulation.contact.tangles().is_clean() {
             break;
+        }
+        if i % PATIENCE == PATIENCE - 1 {
+            let step = simulation.loosen(h)?;
+            count(info, &step);
+            simulation.reclassify();
         }
         let step = simulation.push(h)?;
         count(info, &step);
