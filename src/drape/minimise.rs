@@ -27,6 +27,8 @@ const NEAR: f64 = 1.0;
 const STEADY: f64 = 0.75;
 /// Longest multiple of a Newton step.
 const FARTHEST: f64 = 16.0;
+/// Iterations after which the history is kept in any case: a minimisation that long zigzags.
+const LONG: usize = 60;
 /// Energies closer than this share of themselves are equal up to rounding.
 const ROUNDING: f64 = 1e-14;
 
@@ -47,7 +49,8 @@ pub(super) struct Until {
     /// Half of the slope along a Newton direction is what is left to gain by its own model,
     /// however fine the mesh is.
     pub gain: f64,
-    /// Whether near its end the history of its iterations takes part ([`History`]).
+    /// Whether near its end the history of its iterations takes part ([`History`]); in long
+    /// minimisations it does in any case.
     pub remembers: bool,
     /// Whether moves are made that do not bring the objective down: springs of tangled pairs jump
     /// where a pair changes sides, and a push must get past that.
@@ -101,7 +104,7 @@ impl Simulation<'_> {
                 return Ok((x, info));
             };
             info.approached = left < until.gain * (first - there.energy);
-            if until.remembers && info.residual < NEAR {
+            if (until.remembers || info.newton > LONG) && info.residual < NEAR {
                 history.push(&x, &next, &here.gradient, &there.gradient);
             } else {
                 history.clear();
