@@ -78,6 +78,7 @@ def write_case(npz: Path, path: Path) -> None:
         "panel_of_triangle": panel.tolist(),
         "panels": [{"name": f"panel{i}", "label": "skirt", "fabric": FABRIC} for i in range(panel.max() + 1)],
         "seams": [{"name": "side", "pairs": data["seams"].tolist(), "offset": False}],
+        "joints": [],
     }
     body = {"points": data["target_v"].tolist(), "triangles": data["body_f"].tolist()}
     path.write_text(json.dumps({"source": source, "colliders": [body]}))
