@@ -71,24 +71,23 @@ impl Curvature {
         vertices: &[Vec3],
         factor: &mut BlockFactor,
     ) -> bool {
-        let before = blocks.clone();
+        let mut trial = blocks.clone();
         let mut left_out = self.left_out(elastic, vertices);
         (0..left_out.taken.len()).filter(|&e| left_out.taken[e]).for_each(|e| {
-            self.add(blocks, &left_out.values, e, 1.0);
+            self.add(&mut trial, &left_out.values, e, 1.0);
         });
         let mut mendings = 0;
         let done = loop {
-            match pattern.factor(blocks, factor) {
+            match pattern.factor(&trial, factor) {
                 Ok(()) => break true,
                 Err(_) if mendings == MOST_MENDINGS => break false,
-                Err(at) => self.mend(pattern, blocks, &mut left_out, at.row, mendings),
+                Err(at) => self.mend(pattern, &mut trial, &mut left_out, at.row, mendings),
             }
             mendings += 1;
         };
         if done {
             self.rests.iter_mut().filter(|r| r.left == 0).for_each(|r| r.last /= 2);
-        } else {
-            *blocks = before;
+            *blocks = trial;
         }
         done
     }

@@ -59,20 +59,33 @@ fn untangle(
     info: &mut Info,
     progress: &mut Progress<'_>,
 ) -> Result<(), Error> {
-    let h = FRAME / params.steps_per_frame as f64;
     let steps = params.frames * params.steps_per_frame;
-    for frame in 0..params.frames {
+    for done in 0..params.frames {
         if params.settle && simulation.contact.tangles().is_clean() {
             break;
         }
-        for step in 1..=params.steps_per_frame {
-            advance(simulation, h, params.damping, info, MOST_HALVINGS)?;
-            let share = (frame * params.steps_per_frame + step) as f64 / (steps + 1) as f64;
+        frame(simulation, params, info, &mut |step, simulation| {
+            let share = (done * params.steps_per_frame + step) as f64 / (steps + 1) as f64;
             progress(&Moment { share, phase: "untangle", simulation });
-        }
-        info.frames += 1;
-        simulation.reclassify();
+        })?;
     }
+    Ok(())
+}
+
+/// A damped frame, and what is tangled after it; `after` is called with each step's number, from 1.
+fn frame(
+    simulation: &mut Simulation<'_>,
+    params: &Params,
+    info: &mut Info,
+    after: &mut dyn FnMut(usize, &Simulation<'_>),
+) -> Result<(), Error> {
+    let h = FRAME / params.steps_per_frame as f64;
+    for step in 1..=params.steps_per_frame {
+        advance(simulation, h, params.damping, info, MOST_HALVINGS)?;
+        after(step, simulation);
+    }
+    info.frames += 1;
+    simulation.reclassify();
     Ok(())
 }
 
@@ -135,11 +148,7 @@ fn repair(
         if push_out(simulation, h, params.push_steps, info)? {
             break;
         }
-        for _ in 0..params.steps_per_frame {
-            advance(simulation, h, params.damping, info, MOST_HALVINGS)?;
-        }
-        info.frames += 1;
-        simulation.reclassify();
+        frame(simulation, params, info, &mut |_, _| {})?;
         if params.settle && simulation.contact.tangles().is_clean() {
             return settle(simulation, params, info, progress);
         }

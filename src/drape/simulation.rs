@@ -294,14 +294,19 @@ impl<'a> Simulation<'a> {
         if !self.contact.lift(&self.points()) {
             return Ok(None);
         }
-        self.at_rest(h, Until { gain: RELAXED, remembers: false, ..self.to_tolerance() }).map(Some)
+        self.at_rest(h, self.to_relaxed()).map(Some)
     }
 
     /// Towards the equilibrium without gravity and friction, from rest.
     pub(super) fn relax(&mut self, h: f64) -> Result<StepInfo, Error> {
         self.offsets.turn(&self.x);
         self.contact.refresh(&self.points(), f64::INFINITY);
-        self.at_rest(h, Until { gain: RELAXED, remembers: false, ..self.to_tolerance() })
+        self.at_rest(h, self.to_relaxed())
+    }
+
+    /// Where a minimisation ends whose result others start from.
+    fn to_relaxed(&self) -> Until {
+        Until { gain: RELAXED, remembers: false, ..self.to_tolerance() }
     }
 
     /// Minimises from rest; leaves the cloth at rest.

@@ -57,6 +57,10 @@ const BUDGET: f64 = 2e-3;
 /// The same while anything is tangled: springs find what is this much farther away than a radius.
 const TANGLED_BUDGET: f64 = 3e-3;
 
+/// Shares of the budget that a point has moved by when its pairs are searched again: before a move,
+/// where most of the budget should be left for it, and on the way.
+const ASIDE: [f64; 2] = [0.2, 0.5];
+
 /// A move longer than what is left by less is none longer [m].
 const ROUNDING: f64 = 1e-12;
 
@@ -227,14 +231,14 @@ impl<'a> Contact<'a> {
         if enough || long {
             return (false, if long { LONGEST } else { left });
         }
-        self.build_moved(x, 0.2);
+        self.build_moved(x, ASIDE[0]);
         (true, budget - self.moved(x))
     }
 
     /// Searches pairs again at `x` if it is farther away than their budget.
     pub fn keep_up(&mut self, x: &[Vec3]) {
         if self.passing != Passing::All && self.moved(x) > self.budget() {
-            self.build_moved(x, 0.5);
+            self.build_moved(x, ASIDE[1]);
         }
     }
 

@@ -29,6 +29,11 @@ impl Among<'_> {
     pub fn any(&self, points: &[u32]) -> bool {
         self.0.is_none_or(|among| points.iter().any(|&p| among[p as usize]))
     }
+
+    /// The box within `reach` of a primitive's `points` at `x`, if one of them is among them.
+    fn around<const N: usize>(&self, points: [u32; N], x: &[Vec3], reach: f64) -> Option<Bounds> {
+        self.any(&points).then(|| bounds(&points.map(|i| x[i as usize]), reach))
+    }
 }
 
 impl Scene<'_> {
@@ -76,8 +81,7 @@ impl Scene<'_> {
             self.within(Pair { role, collider: c as u16, a, b, radius, found_at: 0.0, mode }, x, reach)
         };
         // A point inside has one spring of its own, see `narrow`.
-        let wanted = |v: u32| !inside[v as usize] && among.any(&[v]);
-        let around = |v: u32| wanted(v).then(|| bounds(&[x[v as usize]], reach));
+        let around = |v: u32| if inside[v as usize] { None } else { among.around([v], x, reach) };
         let points = gather(&sheet.order.points, around, &collider.triangle_tree, |v, t| {
             if !shown(|h| &h.triangles, t) {
                 return None;
@@ -85,8 +89,7 @@ impl Scene<'_> {
             near(Role::OnCollider, v, t, Mode::Clean)
         });
         let corners = |t: u32| sheet.triangles[t as usize];
-        let around =
-            |t: u32| among.any(&corners(t)).then(|| bounds(&corners(t).map(|i| x[i as usize]), reach));
+        let around = |t: u32| among.around(corners(t), x, reach);
         let faces = gather(&sheet.order.triangles, around, &collider.point_tree, |t, p| {
             if !collider.used[p as usize] || !shown(|h| &h.points, p) {
                 return None;
@@ -95,7 +98,7 @@ impl Scene<'_> {
             near(Role::UnderCloth, p, t, if tangled { wrong } else { Mode::Clean })
         });
         let ends = |e: u32| sheet.edges.ends[e as usize];
-        let around = |e: u32| among.any(&ends(e)).then(|| bounds(&ends(e).map(|i| x[i as usize]), reach));
+        let around = |e: u32| among.around(ends(e), x, reach);
         let edges = gather(&sheet.order.edges, around, &collider.edge_tree, |e, f| {
             if !shown(|h| &h.edges, f) {
                 return None;
@@ -132,22 +135,21 @@ impl Scene<'_> {
         };
         let apart = |a: &[u32], b: &[u32]| !sheet.share_node(a, b);
         let corners = |t: u32| &sheet.triangles[t as usize];
-        let around = |v: u32| among.any(&[v]).then(|| bounds(&[x[v as usize]], reach));
+        let around = |v: u32| among.around([v], x, reach);
         let mut pairs = gather(&sheet.order.points, around, &faces_tree, |v, t| {
             apart(&[v], corners(t)).then(|| make(Role::OwnFace, v, t)).flatten()
         });
         if among.0.is_some() {
             // Their triangles with all other points.
             let points_tree = BoxTree::new(x.iter().map(|p| (*p, *p)));
-            let around =
-                |t: u32| among.any(corners(t)).then(|| bounds(&corners(t).map(|i| x[i as usize]), reach));
+            let around = |t: u32| among.around(*corners(t), x, reach);
             pairs.extend(gather(&sheet.order.triangles, around, &points_tree, |t, v| {
                 let other = !among.any(&[v]) && apart(&[v], corners(t));
                 other.then(|| make(Role::OwnFace, v, t)).flatten()
             }));
         }
         let ends = |e: u32| &sheet.edges.ends[e as usize];
-        let around = |e: u32| among.any(ends(e)).then(|| bounds(&ends(e).map(|i| x[i as usize]), reach));
+        let around = |e: u32| among.around(*ends(e), x, reach);
         pairs.extend(gather(&sheet.order.edges, around, &edges_tree, |e, f| {
             let first = f > e || !among.any(ends(f));
             (first && apart(ends(e), ends(f))).then(|| make(Role::OwnEdges, e.min(f), e.max(f))).flatten()

@@ -8,7 +8,8 @@
 //! 2. *Lift*, for cloth that passes through a lower layer: out over the layer's folds
 //!    ([`super::contact::lift`]), with contact against the layers switched off, to an equilibrium.
 //! 3. *Push*: springs on all that is tangled ([`super::contact::aim`]) against barriers and
-//!    continuous collision detection on all that is clean, a few iterations at a time.
+//!    continuous collision detection on all that is clean, a few iterations at a time. What stays
+//!    tangled is *loosened* now and then: an equilibrium with nothing in the way around it.
 //! 4. *Relax*, after a draw: an equilibrium without friction, since the way through the body
 //!    left stretch behind that friction would keep.
 //!
