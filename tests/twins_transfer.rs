@@ -46,13 +46,13 @@ fn pressure() -> Case {
     let (cells, nodes) = (1500, 400);
     let mut random = Random::new(12);
     let cell_nodes = indices(&mut random, 8 * cells, nodes);
-    let open = (0..cells as u32).map(|i| u32::from(i % 5 != 0)).collect();
+    let shares = (0..cells as u32).map(|i| i % 9).collect();
     let u: Vec<f32> = random.vector(3 * nodes).iter().map(|v| 0.01 * v).collect();
     let (gamma, side) = (0.01f32, 0.02f32);
     Case {
         invocations: cells,
         params: [cells as u32, gamma.to_bits(), side.to_bits(), 0],
-        buffers: vec![cell_nodes, open, words(&u), vec![7; cells]],
+        buffers: vec![cell_nodes, shares, words(&u), vec![7; cells]],
         written: 3,
         // Gradients up to 1 in nine places: determinants up to 4 x 6 with some 40 roundings.
         bound: 40.0 * 24.0 * f32::EPSILON / gamma,

@@ -5,7 +5,7 @@ use dressform::geometry::{Surface, outer_skin, submesh};
 use dressform::model::{TriMesh, Vec3};
 use dressform::solve::cg::{Cg, CgParams};
 use dressform::transfer::Params;
-use dressform::transfer::activity::{Active, narrow_band};
+use dressform::transfer::activity::{self, Active, Band, narrow_band};
 use dressform::transfer::align::Motion;
 use dressform::transfer::boundary::Boundary;
 use dressform::transfer::domain::{Domain, Lattice};
@@ -41,9 +41,9 @@ impl Start {
     fn band(&self, params: &Params) -> (Domain, Vec<Active>) {
         let (lo, hi) = self.surface.mesh().bounds().expect("a body");
         let lattice = Lattice { origin: lo, cell: params.cell };
-        let active = narrow_band(&self.surface, lattice, params.band, &lo, &hi);
-        let cells = active.iter().map(|a| (a.cell, a.kind)).collect();
-        (Domain::new(lattice, cells).expect("of a body's size"), active)
+        let band = Band { width: params.band, fade: params.fade };
+        let active = narrow_band(&self.surface, lattice, band, &lo, &hi);
+        (activity::domain(lattice, &active).expect("of a body's size"), active)
     }
 
     fn boundary(&self, params: &Params, domain: &Domain, active: &[Active]) -> Boundary {
@@ -128,13 +128,13 @@ pub fn stages(meshes: &Meshes) {
     let outfit = meshes.outfit("casual_man");
     for (cell, band) in [(0.02, 0.12), (0.01, 0.04)] {
         let device = Device::cpu();
-        let params = Params { cell, band, ..Params::default() };
+        let params = Params { cell, band, fade: 0.0, ..Params::default() };
         let (start, surface) = timed(|| Start::new(&outfit.body, &meshes.bodies["heavy_man"]));
         let ((domain, active), band) = timed(|| start.band(&params));
         let (boundary, integral) = timed(|| start.boundary(&params, &domain, &active));
         let mut u = vec![Vec3::zeros(); domain.nodes.len()];
         let (problem, setup) =
-            timed(|| Problem::new(&device, &params, &domain, &boundary, &[], &u).expect("fits"));
+            timed(|| Problem::new(&device, &params, &domain, boundary, &[], &u).expect("fits"));
         let (info, inner) = timed(|| problem.solve(&mut u).expect("runs"));
         let iterations: usize = info.cg_iterations.iter().sum();
         println!(

@@ -11,6 +11,9 @@ pub const NONE: u32 = u32::MAX;
 /// Cells that a domain's bounding box may hold: what a body of absurd scale would exceed.
 const BOX_LIMIT: usize = 1 << 27;
 
+/// A cell that counts in full, see [`Domain::shares`].
+pub const WHOLE: u8 = 8;
+
 /// Coordinates of a cell or node on the lattice.
 pub type Coordinates = [i32; 3];
 
@@ -60,6 +63,8 @@ pub struct Domain {
     pub cells: Vec<Coordinates>,
     /// Kind of each cell.
     pub kinds: Vec<Kind>,
+    /// How much the stiffness of each cell counts, in parts of [`WHOLE`].
+    pub shares: Vec<u8>,
     /// The eight nodes of each cell, in the order of [`element::corner`].
     pub cell_nodes: Vec<[u32; 8]>,
     /// Coordinates of each node (that of the cell above it).
@@ -94,6 +99,7 @@ impl Domain {
             lattice,
             cells: active.iter().map(|cell| cell.0).collect(),
             kinds: active.iter().map(|cell| cell.1).collect(),
+            shares: vec![WHOLE; active.len()],
             cell_nodes: Vec::with_capacity(active.len()),
             nodes: Vec::new(),
             node_cells: Vec::new(),

@@ -9,8 +9,9 @@ use rayon::prelude::*;
 
 use super::Params;
 use super::boundary::Boundary;
-use super::domain::{Domain, Kind};
+use super::domain::{Domain, WHOLE};
 use super::element::{self, ElementMatrix, GAUSS, corner};
+use super::terms::Shares;
 use crate::model::Vec3;
 
 /// Residual, relative to that of no displacement, that a tight solve reaches.
@@ -20,7 +21,7 @@ pub const TOLERANCE: f64 = 1e-8;
 #[derive(Debug)]
 pub struct Exact<'a> {
     domain: &'a Domain,
-    boundary: &'a Boundary,
+    shares: Shares,
     fixed: &'a [bool],
     viscous: ElementMatrix,
     divergence: [f64; 24],
@@ -30,12 +31,12 @@ pub struct Exact<'a> {
 
 impl<'a> Exact<'a> {
     /// As [`super::field::Problem::new`].
-    pub fn new(params: &Params, domain: &'a Domain, boundary: &'a Boundary, fixed: &'a [bool]) -> Exact<'a> {
+    pub fn new(params: &Params, domain: &'a Domain, boundary: &Boundary, fixed: &'a [bool]) -> Exact<'a> {
         let h = domain.lattice.cell;
         let gradient = |g: usize| element::shape_gradient(corner(g).map(|side| GAUSS[side]));
         Exact {
             domain,
-            boundary,
+            shares: Shares::new(domain, boundary),
             fixed,
             viscous: element::viscous(h, params.nu),
             divergence: element::divergence(h),
@@ -45,11 +46,11 @@ impl<'a> Exact<'a> {
     }
 
     /// `f - A u - B^T p` with `p = -mean min(0, det(I + grad u) - 1) / gamma`, per node; zero
-    /// on fixed nodes.
-    pub fn residual(&self, u: &[Vec3]) -> Vec<Vec3> {
-        let mut residual = match self.boundary.load.is_empty() {
+    /// on fixed nodes. `boundary` may have been augmented since [`Exact::new`].
+    pub fn residual(&self, boundary: &Boundary, u: &[Vec3]) -> Vec<Vec3> {
+        let mut residual = match boundary.load.is_empty() {
             true => vec![Vec3::zeros(); u.len()],
-            false => self.boundary.load.clone(),
+            false => boundary.load.clone(),
         };
         let forces: Vec<SVector<f64, 24>> =
             (0..self.domain.cells.len()).into_par_iter().map(|cell| self.cell_force(cell, u)).collect();
@@ -58,7 +59,7 @@ impl<'a> Exact<'a> {
                 residual[node as usize] -= force.fixed_rows::<3>(3 * a);
             }
         }
-        for (cell, mass) in &self.boundary.masses {
+        for (cell, mass) in &boundary.masses {
             let nodes = self.domain.cell_nodes[*cell as usize];
             for (row, &node) in mass.iter().zip(&nodes) {
                 for (m, &other) in row.iter().zip(&nodes) {
@@ -75,8 +76,9 @@ impl<'a> Exact<'a> {
     fn cell_force(&self, cell: usize, u: &[Vec3]) -> SVector<f64, 24> {
         let nodes = self.domain.cell_nodes[cell];
         let v = SVector::<f64, 24>::from_fn(|k, _| u[nodes[k / 3] as usize][k % 3]);
-        let mut force = self.viscous * v;
-        if self.domain.kinds[cell] == Kind::Open {
+        let mut force = self.viscous * v * self.shares.viscosity(cell);
+        let share = f64::from(self.shares.volume[cell]) / f64::from(WHOLE);
+        if share > 0.0 {
             let mut change = 0.0;
             for gradient in &self.gradients {
                 let mut f = Matrix3::identity();
@@ -85,7 +87,7 @@ impl<'a> Exact<'a> {
                 }
                 change += 0.125 * (f.determinant() - 1.0).min(0.0);
             }
-            force += SVector::from(self.divergence) * (change / self.gamma);
+            force += SVector::from(self.divergence) * (share * change / self.gamma);
         }
         force
     }

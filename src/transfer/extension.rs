@@ -59,8 +59,7 @@ pub fn extend<'a>(
     let fixed: Vec<bool> = held.iter().map(Option::is_some).collect();
     let mut displacement: Vec<Vec3> =
         held.iter().map(|node| node.map_or_else(Vec3::zeros, |n| band.displacement[n])).collect();
-    let boundary = Boundary::default();
-    let problem = Problem::new(device, params, &domain, &boundary, &fixed, &displacement)?;
+    let problem = Problem::new(device, params, &domain, Boundary::default(), &fixed, &displacement)?;
     let info = problem.solve(&mut displacement)?;
     drop(problem);
     Ok(Some((Field { domain, displacement }, info)))

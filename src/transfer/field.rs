@@ -22,12 +22,12 @@ use serde::{Deserialize, Serialize};
 use super::Params;
 use super::anderson::Anderson;
 use super::boundary::Boundary;
-use super::domain::{Domain, Kind};
+use super::domain::Domain;
 use super::element;
 use super::exact::{self, Exact};
 use super::multigrid::Multigrid;
 use super::stencil::{Extent, Stencil};
-use super::terms::Terms;
+use super::terms::{Shares, Terms};
 use super::volume::{PRESSURE, RESIDUAL};
 use crate::device::{Buffer, Device, DeviceError};
 use crate::model::Vec3;
@@ -90,14 +90,15 @@ pub struct Problem<'a> {
     device: &'a Device,
     params: &'a Params,
     exact: Option<Exact<'a>>,
-    boundary: &'a Boundary,
+    domain: &'a Domain,
+    boundary: Boundary,
     fixed: &'a [bool],
     stencil: Stencil,
     multigrid: Multigrid,
     cg: Cg,
     cell_nodes: Buffer<[u32; 8]>,
     node_cells: Buffer<[u32; 8]>,
-    open: Buffer<u32>,
+    shares: Buffer<u32>,
     pressure: Buffer<f32>,
     load: Buffer<f32>,
     u: Buffer<f32>,
@@ -119,31 +120,31 @@ impl<'a> Problem<'a> {
         device: &'a Device,
         params: &'a Params,
         domain: &'a Domain,
-        boundary: &'a Boundary,
+        boundary: Boundary,
         fixed: &'a [bool],
         start: &[Vec3],
     ) -> Result<Problem<'a>, DeviceError> {
-        let terms = Terms::new(domain, params.nu, params.gamma, boundary);
+        let terms = Terms::new(domain, params.nu, params.gamma, &boundary);
         let (nodes, cells) = (domain.nodes.len(), domain.cells.len());
         let is_fixed = |i: usize| fixed.get(i) == Some(&true);
         let node_cells: Vec<[u32; 8]> = (0..nodes)
             .map(|i| if is_fixed(i) { [super::domain::NONE; 8] } else { domain.node_cells[i] })
             .collect();
-        let open: Vec<u32> = domain.kinds.iter().map(|&kind| u32::from(kind == Kind::Open)).collect();
+        let shares: Vec<u32> = Shares::new(domain, &boundary).volume.into_iter().map(u32::from).collect();
         Ok(Problem {
             device,
             params,
-            boundary,
+            domain,
             fixed,
-            exact: params.exact.then(|| Exact::new(params, domain, boundary, fixed)),
+            exact: params.exact.then(|| Exact::new(params, domain, &boundary, fixed)),
             stencil: Stencil::new(device, domain, &terms, fixed)?,
             multigrid: Multigrid::new(device, domain, &terms, fixed)?,
             cg: Cg::new(device, 3 * nodes)?.looking_every(1),
             cell_nodes: device.upload("transfer cell nodes", &domain.cell_nodes)?,
             node_cells: device.upload("transfer node cells", &node_cells)?,
-            open: device.upload("transfer open cells", &open)?,
+            shares: device.upload("transfer shares", &shares)?,
             pressure: device.zeros("transfer pressure", cells)?,
-            load: device.upload("transfer load", &flat(&loads(boundary, fixed, start)))?,
+            load: device.upload("transfer load", &flat(&loads(&boundary, fixed, start)))?,
             u: device.upload("transfer displacement", &flat(start))?,
             image: device.zeros("transfer image", 3 * nodes)?,
             residual: device.zeros("transfer residual", 3 * nodes)?,
@@ -151,6 +152,7 @@ impl<'a> Problem<'a> {
             nodes,
             cells,
             cell: domain.lattice.cell,
+            boundary,
         })
     }
 
@@ -159,7 +161,17 @@ impl<'a> Problem<'a> {
     /// # Errors
     /// As [`Device::write`].
     pub fn hold(&self, u: &[Vec3]) -> Result<(), DeviceError> {
-        self.device.write(&self.load, &flat(&loads(self.boundary, self.fixed, u)))
+        self.device.write(&self.load, &flat(&loads(&self.boundary, self.fixed, u)))
+    }
+
+    /// Asks on the boundary for as much more as `u` misses, and solves again from there.
+    ///
+    /// # Errors
+    /// A device's failure.
+    pub fn solve_augmented(&mut self, u: &mut [Vec3]) -> Result<InnerInfo, DeviceError> {
+        self.boundary.augment(self.domain, u);
+        self.hold(u)?;
+        self.solve(u)
     }
 
     /// Runs the fixed point from `u`, which it leaves at the solution.
@@ -206,7 +218,7 @@ impl<'a> Problem<'a> {
         let mut acceleration = Anderson::default();
         let mut first = 0.0;
         for turn in 0..=EXACT_ITERATIONS {
-            let residual = exact.residual(u);
+            let residual = exact.residual(&self.boundary, u);
             let norm = residual.iter().map(Vec3::norm_squared).sum::<f64>().sqrt();
             if turn == 0 {
                 first = norm;
@@ -241,7 +253,7 @@ impl<'a> Problem<'a> {
                 &PRESSURE,
                 self.cells,
                 &cells,
-                &[&self.cell_nodes, &self.open, &self.u, &self.pressure],
+                &[&self.cell_nodes, &self.shares, &self.u, &self.pressure],
             )?;
         }
         let quarter_face = extent(self.nodes, 0.25 * self.cell * self.cell);

@@ -14,8 +14,9 @@
 //! leaves `A + B^T (gamma M_p)^-1 B` ([`terms`], [`stencil`]), which conjugate gradients with
 //! a multigrid cycle ([`multigrid`]) invert in a fixed-point loop over the nonlinear volume
 //! term ([`field`], [`volume`]). The boundary condition is weak, by closest-point quadrature
-//! ([`boundary`]); so the moved body misses its target by a little, and an *outer* loop starts
-//! again from where it came to, until the gap is closed.
+//! ([`boundary`]); so the moved body misses its target by a little. What it misses is asked for once
+//! more on the same cells, and an *outer* loop starts again from where the body came to, until the gap
+//! is closed.
 //!
 //! # Scales
 //! With `h` the side of a cell, only `nu gamma` (the volume's stiffness against shear) and
@@ -26,7 +27,12 @@
 //! - Momentum is `-div(nu D(u)) + grad p`; the printed form lacks the divergence.
 //! - The best rigid motion is taken out first, and with it what exceeds a tenth in size
 //!   ([`align`]).
-//! - Cells deep inside the body have no volume term: a shrinking body is not resisted.
+//! - What lies inside of the body hardly counts: cells deep inside have no volume term and a tenth of
+//!   the viscosity, cut cells the share that lies outside, and the boundary condition is asked for on
+//!   the surface alone ([`terms`], [`boundary`]). With the paper's, cells of 5 mm are as near to the
+//!   solution with fine cells as 6.7 mm ones are so.
+//! - The band's stiffness fades out towards its end ([`activity`]): a band that ends at once moves
+//!   cloth 8 cm from the skin by millimetres with the size of the cells.
 //! - The band depends on the body pair alone, and so does the number of outer loops. A
 //!   garment that reaches beyond is given cells of its own ([`extension`]), so its result
 //!   does not change with its outfit-mates.

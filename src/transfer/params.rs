@@ -12,6 +12,8 @@ pub struct Params {
     pub cell: f64,
     /// Width of the narrow band outside of the body [m]; at least two cells.
     pub band: f64,
+    /// The band's stiffness fades out within this of its outer end [m]; not wider than the band.
+    pub fade: f64,
     /// Viscosity; its unit is that of `1 / gamma`.
     pub nu: f64,
     /// Compliance of the volume term.
@@ -62,7 +64,8 @@ impl Default for Params {
     fn default() -> Self {
         Params {
             cell: 0.02,
-            band: 0.12,
+            band: 0.14,
+            fade: 0.10,
             nu: 100.0,
             gamma: 0.01,
             beta: 1e6,
@@ -116,6 +119,10 @@ impl Params {
         }
         if !(self.band >= 2.0 * self.cell && self.band.is_finite()) {
             return Err(Error::Setting { name: "band", value: self.band, expected: "at least two cells" });
+        }
+        if !(0.0..=self.band).contains(&self.fade) {
+            let value = self.fade;
+            return Err(Error::Setting { name: "fade", value, expected: "between 0 and the band's width" });
         }
         if !(self.closing_band >= 2.0 * self.cell / self.refinement as f64 && self.closing_band.is_finite()) {
             let (name, value) = ("closing_band", self.closing_band);

@@ -1,14 +1,15 @@
-// Twin: volume.rs, cell_pressure. q = (mean div u - mean min(0, det(I + grad u) - 1)) / gamma.
+// Twin: volume.rs, cell_pressure. q = share (mean div u - mean min(0, det(I + grad u) - 1)) / gamma.
 const NEAR = 0.7886751345948129;
 const FAR = 0.2113248654051871;
+const WHOLE = 8.0; // domain.rs
 
 struct Cells { n: u32, compliance: f32, side: f32, pad: u32 }
 
 @group(0) @binding(0) var<uniform> cells: Cells;
 // For each cell: its eight nodes.
 @group(0) @binding(1) var<storage, read> cell_nodes: array<u32>;
-// For each cell: whether it has a volume term.
-@group(0) @binding(2) var<storage, read> open_cells: array<u32>;
+// For each cell: how much of it has a volume term, in parts of WHOLE.
+@group(0) @binding(2) var<storage, read> shares: array<u32>;
 @group(0) @binding(3) var<storage, read> u: array<f32>;
 @group(0) @binding(4) var<storage, read_write> pressure: array<f32>;
 
@@ -33,7 +34,7 @@ fn across(d0: vec3<f32>, d1: vec3<f32>, d2: vec3<f32>, d3: vec3<f32>, g: u32) ->
 fn main(@builtin(global_invocation_id) gid: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>) {
     let cell = invocation(gid, groups);
     if cell >= cells.n { return; }
-    if open_cells[cell] == 0u {
+    if shares[cell] == 0u {
         pressure[cell] = 0.0;
         return;
     }
@@ -61,5 +62,5 @@ fn main(@builtin(global_invocation_id) gid: vec3<u32>, @builtin(num_workgroups) 
         let j = dot(x, cross(y, z)) - 1.0;
         sum += trace - min(0.0, j);
     }
-    pressure[cell] = 0.125 * sum / cells.compliance;
+    pressure[cell] = f32(shares[cell]) / WHOLE * 0.125 * sum / cells.compliance;
 }

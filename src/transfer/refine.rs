@@ -13,7 +13,7 @@
 //! lie in faces of coarse cells or inside them, where a trilinear field is bilinear: the
 //! composite is continuous.
 
-use super::activity::{Active, narrow_band};
+use super::activity::{self, Active, Band, narrow_band};
 use super::domain::{Coordinates, Domain, Kind, Lattice, NONE, TooLarge};
 use super::field::Field;
 use crate::geometry::Surface;
@@ -35,9 +35,9 @@ impl Overlay {
         let lattice = Lattice { origin: coarse.lattice.origin, cell };
         let (lo, hi) = surface.mesh().bounds().expect("the coarse domain has one");
         Domain::check_size((hi - lo).add_scalar(2.0 * band) / cell)?;
-        let mut active = narrow_band(surface, lattice, band, &lo, &hi);
+        let mut active = narrow_band(surface, lattice, Band { width: band, fade: 0.0 }, &lo, &hi);
         active.retain(|a| coarse.find_cell(parent(a.cell, ratio)).is_some());
-        let domain = Domain::new(lattice, active.iter().map(|a| (a.cell, a.kind)).collect())?;
+        let domain = activity::domain(lattice, &active)?;
         let rim = rim(&domain, &active);
         Ok(Overlay { ratio, domain, active, rim })
     }

@@ -8,11 +8,11 @@ use nalgebra::{DMatrix, Matrix3};
 
 use super::activity::Active;
 use super::boundary::Boundary;
-use super::domain::{Domain, Kind, Lattice};
+use super::domain::{Domain, Kind, Lattice, WHOLE};
 use super::element::{self, corner};
 use super::field::Problem;
 use super::stencil::Stencil;
-use super::terms::Terms;
+use super::terms::{self, Terms};
 use super::*;
 use crate::geometry::Surface;
 use crate::solve::cg::Operator;
@@ -32,7 +32,7 @@ fn all_cut(domain: &Domain, surface: &Surface) -> Vec<Active> {
     let active = |&cell: &domain::Coordinates| {
         let centre = domain.lattice.centre(cell);
         let (distance, winding) = (surface.closest(&centre).distance, surface.winding_number(&centre));
-        Active { cell, kind: Kind::Open, cut: true, distance, winding }
+        Active { cell, kind: Kind::Open, cut: true, distance, winding, share: WHOLE }
     };
     domain.cells.iter().map(active).collect()
 }
@@ -69,10 +69,10 @@ fn the_operator_is_the_assembled_matrix() {
     let n = 3 * domain.nodes.len();
     let mut dense = DMatrix::<f64>::zeros(n, n);
     for (cell, nodes) in domain.cell_nodes.iter().enumerate() {
-        let mut k = element::viscous(p.cell, p.nu);
-        if domain.kinds[cell] == Kind::Open {
-            k += element::schur(p.cell, p.gamma);
-        }
+        let (_, outside) = boundary.outside[cell];
+        let outside = f64::from(outside) / f64::from(WHOLE);
+        let viscosity = terms::INSIDE + (1.0 - terms::INSIDE) * outside;
+        let mut k = element::viscous(p.cell, p.nu) * viscosity + element::schur(p.cell, p.gamma) * outside;
         if let Some((_, mass)) = boundary.masses.iter().find(|(c, _)| *c as usize == cell) {
             k +=
                 element::ElementMatrix::from_fn(|r, c| if r % 3 == c % 3 { mass[r / 3][c / 3] } else { 0.0 });
@@ -96,6 +96,24 @@ fn the_operator_is_the_assembled_matrix() {
     }
 }
 
+#[test]
+fn what_is_asked_for_grows_by_what_is_missed() {
+    let domain = small_domain();
+    let ball = Surface::new(sphere(Vec3::repeat(0.031), 0.02, 3));
+    let shift = Vec3::new(0.003, -0.001, 0.002);
+    let wanted = vec![shift; ball.mesh().points.len()];
+    let new = || Boundary::new(&domain, &ball, &wanted, &all_cut(&domain, &ball), 1e6, 2);
+    let (still, met) = (vec![Vec3::zeros(); domain.nodes.len()], vec![shift; domain.nodes.len()]);
+    let first = new();
+    let mut missed = new();
+    missed.augment(&domain, &still);
+    let mut reached = new();
+    reached.augment(&domain, &met);
+    for ((a, b), c) in first.load.iter().zip(&missed.load).zip(&reached.load) {
+        assert!((a * 2.0 - b).norm() <= 1e-12 * b.norm() && (a - c).norm() <= 1e-12 * a.norm());
+    }
+}
+
 /// Solves with the outer nodes of a solid block of cells held at `map(x) - x`, the rest free.
 fn solve_block(map: impl Fn(&Vec3) -> Vec3, params: &Params) -> (Vec<Vec3>, Vec<Vec3>) {
     let lattice = Lattice { origin: Vec3::zeros(), cell: params.cell };
@@ -107,8 +125,8 @@ fn solve_block(map: impl Fn(&Vec3) -> Vec3, params: &Params) -> (Vec<Vec3>, Vec<
     let exact: Vec<Vec3> = domain.nodes.iter().map(|node| map(&place(node)) - place(node)).collect();
     let mut u: Vec<Vec3> =
         exact.iter().zip(&fixed).map(|(u, &f)| if f { *u } else { Vec3::zeros() }).collect();
-    let (device, boundary) = (Device::cpu(), Boundary::default());
-    let problem = Problem::new(&device, params, &domain, &boundary, &fixed, &u).unwrap();
+    let device = Device::cpu();
+    let problem = Problem::new(&device, params, &domain, Boundary::default(), &fixed, &u).unwrap();
     let info = problem.solve(&mut u).unwrap();
     assert!(info.converged, "{info:?}");
     (u, exact)

@@ -1,6 +1,6 @@
 //! One outer iteration: which cells, which penalty, and the solves.
 
-use super::activity::{Active, narrow_band};
+use super::activity::{self, Active, Band, narrow_band};
 use super::boundary::Boundary;
 use super::domain::{Domain, Lattice};
 use super::field::{Field, InnerInfo, Problem};
@@ -68,8 +68,11 @@ impl<'a> Turn<'a> {
         let fixed = if self.work.closes() { rim(&domain, &active) } else { Vec::new() };
         let boundary = self.boundary(&domain, surface, displacement, &active);
         let mut u = vec![Vec3::zeros(); domain.nodes.len()];
-        let problem = Problem::new(self.device, self.params, &domain, &boundary, &fixed, &u)?;
-        let info = problem.solve(&mut u)?;
+        let mut problem = Problem::new(self.device, self.params, &domain, boundary, &fixed, &u)?;
+        let mut info = problem.solve(&mut u)?;
+        if self.work == Work::Band {
+            info.then(problem.solve_augmented(&mut u)?);
+        }
         drop(problem);
         self.check(&u)?;
         Ok((Field { domain, displacement: u }, info))
@@ -87,13 +90,13 @@ impl<'a> Turn<'a> {
         let fine = Overlay::new(&coarse.domain, surface, params.refinement as i32, params.closing_band)?;
         let boundary = self.boundary(&fine.domain, surface, displacement, &fine.active);
         let mut u = fine.interpolate(coarse);
-        let problem = Problem::new(self.device, params, &fine.domain, &boundary, &fine.rim, &u)?;
+        let mut problem = Problem::new(self.device, params, &fine.domain, boundary, &fine.rim, &u)?;
         let mut info = problem.solve(&mut u)?;
+        info.then(problem.solve_augmented(&mut u)?);
         info.then(self.solve_outside(coarse, &fine, &u)?);
         let outside = fine.interpolate(coarse);
         u.iter_mut().zip(outside).zip(&fine.rim).filter(|(_, rim)| **rim).for_each(|((u, at), _)| *u = at);
-        problem.hold(&u)?;
-        info.then(problem.solve(&mut u)?);
+        info.then(problem.solve_augmented(&mut u)?);
         drop(problem);
         self.check(&u)?;
         Ok((Field { domain: fine.domain, displacement: u }, info))
@@ -103,7 +106,7 @@ impl<'a> Turn<'a> {
     fn solve_outside(&self, coarse: &mut Field, fine: &Overlay, u: &[Vec3]) -> Result<InnerInfo, Error> {
         let held = fine.hold(&coarse.domain, u, &mut coarse.displacement);
         let (domain, start, none) = (&coarse.domain, &coarse.displacement, Boundary::default());
-        let problem = Problem::new(self.device, self.params, domain, &none, &held, start)?;
+        let problem = Problem::new(self.device, self.params, domain, none, &held, start)?;
         let info = problem.solve(&mut coarse.displacement)?;
         Ok(info)
     }
@@ -125,13 +128,15 @@ impl<'a> Turn<'a> {
 
     /// The narrow band around `surface`.
     fn band(&self, surface: &Surface) -> Result<(Domain, Vec<Active>), Error> {
-        let band = if self.work.closes() { self.params.closing_band } else { self.params.band };
+        let (width, fade) = match self.work.closes() {
+            true => (self.params.closing_band, 0.0),
+            false => (self.params.band, self.params.fade),
+        };
         let (lo, hi) = surface.mesh().bounds().ok_or(Error::Empty)?;
         let origin = lo.add_scalar(-self.cell * SHIFTS[self.number % SHIFTS.len()]);
         let lattice = Lattice { origin, cell: self.cell };
-        Domain::check_size((hi - lo).add_scalar(2.0 * band) / self.cell)?;
-        let active = narrow_band(surface, lattice, band, &lo, &hi);
-        let cells = active.iter().map(|a| (a.cell, a.kind)).collect();
-        Ok((Domain::new(lattice, cells)?, active))
+        Domain::check_size((hi - lo).add_scalar(2.0 * width) / self.cell)?;
+        let active = narrow_band(surface, lattice, Band { width, fade }, &lo, &hi);
+        Ok((activity::domain(lattice, &active)?, active))
     }
 }

@@ -7,11 +7,11 @@
 //! q = (mean div u - mean min(0, det(I + grad u) - 1)) / gamma
 //! ```
 //!
-//! is what the linear matrix `S` counts too much. The means are over the 2x2x2 Gauss points.
+//! times the cell's share is what the linear matrix `S` counts too much. The means are over the 2x2x2 Gauss points.
 
 use rayon::prelude::*;
 
-use super::domain::NONE;
+use super::domain::{NONE, WHOLE};
 use super::element::{GAUSS, corner};
 use crate::device::{Access, HostArgs, INDEX_WGSL, Kernel};
 
@@ -29,16 +29,16 @@ pub(super) static PRESSURE: Kernel = Kernel {
 
 fn cell_pressure(args: &mut HostArgs<'_>) {
     let extent: Extent = args.params();
-    let (cell_nodes, open) = (args.read::<[u32; 8]>(0), args.read::<u32>(1));
+    let (cell_nodes, shares) = (args.read::<[u32; 8]>(0), args.read::<u32>(1));
     let u = args.read::<[f32; 3]>(2);
     let pressure = args.write::<f32>(3);
     let scale = 1.0 / extent.second;
     pressure.par_iter_mut().with_min_len(GRAIN).enumerate().for_each(|(cell, q)| {
-        *q = if open[cell] == 0 {
+        *q = if shares[cell] == 0 {
             0.0
         } else {
             let v = cell_nodes[cell].map(|node| u[node as usize]);
-            0.125 * excess(&v, scale) / extent.coefficient
+            shares[cell] as f32 / f32::from(WHOLE) * 0.125 * excess(&v, scale) / extent.coefficient
         };
     });
 }

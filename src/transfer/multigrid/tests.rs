@@ -8,7 +8,7 @@ use crate::geometry::surface::tests::sphere;
 use crate::model::{TriMesh, Vec3};
 use crate::solve::cg::{Cg, CgParams};
 use crate::transfer::Params;
-use crate::transfer::activity::narrow_band;
+use crate::transfer::activity::{self, Band, narrow_band};
 use crate::transfer::boundary::Boundary;
 use crate::transfer::domain::Lattice;
 
@@ -20,8 +20,8 @@ fn ball(cell: f64, band: f64) -> (Domain, Boundary, Terms) {
     let displacement: Vec<Vec3> = surface.mesh().points.iter().map(|p| Vec3::new(p.y, 0.02, -p.x)).collect();
     let (lo, hi) = TriMesh::bounds(surface.mesh()).unwrap();
     let lattice = Lattice { origin: lo.add_scalar(-0.3 * cell), cell };
-    let active = narrow_band(&surface, lattice, band, &lo, &hi);
-    let domain = Domain::new(lattice, active.iter().map(|a| (a.cell, a.kind)).collect()).unwrap();
+    let active = narrow_band(&surface, lattice, Band { width: band, fade: 0.5 * band }, &lo, &hi);
+    let domain = activity::domain(lattice, &active).unwrap();
     let params = Params::default();
     let beta = 4.0 * params.nu / (cell * cell);
     let boundary = Boundary::new(&domain, &surface, &displacement, &active, beta, 2);
