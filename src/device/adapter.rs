@@ -1,5 +1,7 @@
 //! Which adapters this machine has, which of them compute rightly, and which to take.
 
+use std::sync::{Mutex, MutexGuard, OnceLock};
+
 use serde::Serialize;
 
 use super::{DeviceChoice, DeviceError, gpu};
@@ -7,6 +9,8 @@ use super::{DeviceChoice, DeviceError, gpu};
 /// Oldest Mesa whose results are trusted: before it, llvmpipe ends a shader's loop after
 /// 65,535 turns without a word, and is several times slower.
 const OLDEST_MESA: u32 = 24;
+const BACKENDS: wgpu::Backends =
+    wgpu::Backends::VULKAN.union(wgpu::Backends::METAL).union(wgpu::Backends::DX12);
 
 /// An adapter of this machine, as `dressform devices` lists it.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
@@ -36,14 +40,29 @@ struct Found {
     info: AdapterInfo,
 }
 
+/// The drivers, loaded once and never unloaded.
+///
+/// NVIDIA's driver for Linux races and hangs where instances are made and dropped, or devices made,
+/// on several threads at once ([wgpu's issue 5930](https://github.com/gfx-rs/wgpu/issues/5930)).
+fn instance() -> &'static wgpu::Instance {
+    static INSTANCE: OnceLock<wgpu::Instance> = OnceLock::new();
+    INSTANCE.get_or_init(|| {
+        wgpu::Instance::new(wgpu::InstanceDescriptor {
+            backends: BACKENDS,
+            ..wgpu::InstanceDescriptor::new_without_display_handle()
+        })
+    })
+}
+
+/// Held by who asks drivers for adapters or devices, for the same reason.
+fn alone() -> MutexGuard<'static, ()> {
+    static OPENING: Mutex<()> = Mutex::new(());
+    OPENING.lock().unwrap_or_else(|e| e.into_inner())
+}
+
 /// All adapters, best first.
 fn find() -> Vec<Found> {
-    let backends = wgpu::Backends::VULKAN | wgpu::Backends::METAL | wgpu::Backends::DX12;
-    let instance = wgpu::Instance::new(wgpu::InstanceDescriptor {
-        backends,
-        ..wgpu::InstanceDescriptor::new_without_display_handle()
-    });
-    let mut found: Vec<Found> = gpu::block_on(instance.enumerate_adapters(backends))
+    let mut found: Vec<Found> = gpu::block_on(instance().enumerate_adapters(BACKENDS))
         .into_iter()
         .map(|adapter| {
             let info = describe(&adapter.get_info(), &adapter.limits());
@@ -112,6 +131,7 @@ fn missing(limits: &wgpu::Limits) -> Option<String> {
 
 /// Every adapter, usable or not, best first.
 pub(super) fn list() -> Vec<AdapterInfo> {
+    let _alone = alone();
     find().into_iter().map(|f| f.info).collect()
 }
 
@@ -120,6 +140,7 @@ pub(super) fn list() -> Vec<AdapterInfo> {
 /// # Errors
 /// No adapter fits, or the one that fits is refused or does not open.
 pub(super) fn open(choice: &DeviceChoice) -> Result<Result<gpu::Gpu, String>, DeviceError> {
+    let _alone = alone();
     let found = find();
     match choice {
         DeviceChoice::Cpu => Ok(Err(String::new())),

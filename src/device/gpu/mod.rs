@@ -6,6 +6,7 @@ mod faults;
 mod pipeline;
 
 use std::sync::{Arc, Mutex, MutexGuard};
+use std::time::Duration;
 
 use bytemuck::Pod;
 
@@ -22,6 +23,9 @@ const PADDING: u64 = 16;
 const SMALLEST: u64 = 256;
 /// Workgroups in a dimension, by WebGPU's default limits.
 const GROUPS: usize = 65_535;
+/// Longest wait for what was submitted. A batch takes milliseconds on hardware and seconds on a
+/// software adapter; who waits longer waits for a driver that hangs.
+const PATIENCE: Duration = Duration::from_secs(300);
 /// Largest write that is recorded in a batch, in bytes; a larger one is worth a submission.
 const SMALL_WRITE: usize = 4 << 10;
 /// Read-backs up to this size, in bytes, share one staging buffer.
@@ -178,9 +182,16 @@ impl Gpu {
     }
 
     fn wait(&self) -> Result<(), DeviceError> {
-        let waited = self.device.poll(wgpu::PollType::wait_indefinitely());
+        let waited =
+            self.device.poll(wgpu::PollType::Wait { submission_index: None, timeout: Some(PATIENCE) });
         self.faults.check()?;
-        waited.map(|_| ()).map_err(|error| DeviceError::Lost(error.to_string()))
+        match waited {
+            Ok(_) => Ok(()),
+            Err(wgpu::PollError::Timeout) => {
+                Err(DeviceError::Lost(format!("no answer for {} s", PATIENCE.as_secs())))
+            }
+            Err(error) => Err(DeviceError::Lost(error.to_string())),
+        }
     }
 
     /// The first `out.len()` elements of a buffer.
