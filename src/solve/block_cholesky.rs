@@ -10,7 +10,7 @@ use faer::sparse::linalg::cholesky::{
     LltRef, SymbolicCholesky, SymbolicCholeskyRaw, factorize_symbolic_cholesky,
 };
 use faer::sparse::{SparseColMatRef, SymbolicSparseColMat};
-use faer::{Conj, MatMut, Side, get_global_parallelism};
+use faer::{Conj, MatMut, Par, Side};
 
 use super::cholesky::CholeskyError;
 use crate::model::Vec3;
@@ -21,6 +21,10 @@ pub struct Indefinite {
     /// The vectors along which it is not reach this row and rows eliminated before it.
     pub row: u32,
 }
+
+/// A garment's supernodes are small: threads that wait for each one's product cost more than they
+/// bring (half as much CPU time again on 2 threads, no wall time less on 16).
+const ONE: Par = Par::Seq;
 
 /// A 3x3 block, row by row.
 pub type Block = [f64; 9];
@@ -110,7 +114,7 @@ impl BlockPattern {
         factor.values.clear();
         factor.values.extend(self.source.iter().map(|&(k, at)| blocks[k as usize][at as usize]));
         factor.factor.resize(self.order.len_val(), 0.0);
-        let parallel = get_global_parallelism();
+        let parallel = ONE;
         let needed = self.order.factorize_numeric_llt_scratch::<f64>(parallel, Default::default());
         let done = self.order.factorize_numeric_llt(
             &mut factor.factor,
@@ -133,7 +137,7 @@ impl BlockPattern {
     /// The solution of `A x = b` with the matrix that was factored last into `factor`.
     pub fn solve(&self, factor: &mut BlockFactor, b: &[Vec3]) -> Vec<Vec3> {
         let mut x: Vec<f64> = b.iter().flat_map(|v| [v.x, v.y, v.z]).collect();
-        let (count, parallel) = (x.len(), get_global_parallelism());
+        let (count, parallel) = (x.len(), ONE);
         let needed = self.order.solve_in_place_scratch::<f64>(1, parallel);
         LltRef::new(&self.order, &factor.factor).solve_in_place_with_conj(
             Conj::No,

@@ -7,7 +7,7 @@ use super::cg::Operator;
 use crate::device::{Access, Buffer, Device, DeviceError, HostArgs, INDEX_WGSL, Kernel};
 
 /// Rows that a CPU task takes.
-const GRAIN: usize = 256;
+const GRAIN: usize = 1024;
 
 /// `struct Rows` in WGSL.
 #[repr(C)]

@@ -13,7 +13,7 @@ use crate::device::{Access, Buffer, Device, DeviceError, HostArgs, INDEX_WGSL, K
 /// Iterations between two looks at the residual, if not told otherwise.
 const CHECK: usize = 8;
 /// Elements that an update kernel's CPU twin gives one task.
-const GRAIN: usize = 8192;
+const GRAIN: usize = 1 << 15;
 
 /// A linear map on vectors of one length.
 pub trait Operator {

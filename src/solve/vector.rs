@@ -9,6 +9,8 @@ use crate::device::{Access, Buffer, Device, DeviceError, HostArgs, INDEX_WGSL, K
 const LANES: usize = 256;
 /// Elements that a lane sums; `TURNS` in dot_partial.wgsl.
 const TURNS: usize = 64;
+/// Blocks that a CPU task takes.
+const GRAIN: usize = 4;
 
 /// Parameters of a kernel over `n` elements; `struct Count` in WGSL.
 #[repr(C)]
@@ -41,16 +43,15 @@ fn dot_partial(args: &mut HostArgs<'_>) {
     let (x, y) = (args.read::<f32>(0), args.read::<f32>(1));
     let partials = args.write::<f32>(2);
     let block = LANES * TURNS;
-    partials.par_chunks_mut(LANES).zip(x.par_chunks(block).zip(y.par_chunks(block))).for_each(
-        |(sums, (x, y))| {
-            sums.fill(0.0);
-            for (x, y) in x.chunks(LANES).zip(y.chunks(LANES)) {
-                for (sum, (x, y)) in sums.iter_mut().zip(x.iter().zip(y)) {
-                    *sum += x * y;
-                }
+    let blocks = partials.par_chunks_mut(LANES).zip(x.par_chunks(block).zip(y.par_chunks(block)));
+    blocks.with_min_len(GRAIN).for_each(|(sums, (x, y))| {
+        sums.fill(0.0);
+        for (x, y) in x.chunks(LANES).zip(y.chunks(LANES)) {
+            for (sum, (x, y)) in sums.iter_mut().zip(x.iter().zip(y)) {
+                *sum += x * y;
             }
-        },
-    );
+        }
+    });
 }
 
 /// Scratch for dot products of vectors of one length.

@@ -10,7 +10,7 @@ use rayon::prelude::*;
 use super::Contact;
 use super::ccd;
 use super::fixed::Fixed;
-use super::pairs::{Mode, Pair, Role};
+use super::pairs::{Mode, Pair};
 use super::search::{Among, Beyond};
 use crate::model::Vec3;
 
@@ -29,40 +29,11 @@ impl<'a> Contact<'a> {
             if !matches!(pair.mode, Mode::Clean) {
                 return 1.0;
             }
-            let (corners, _) = self.scene.corners(pair, x);
-            ccd::free_share(pair.role.shape(), corners, self.corner_moves(pair, dx, moves), 1.0)
+            let its = |i: u32| moves[pair.collider as usize][i as usize];
+            let moves = self.scene.of_corners(pair, |i| dx[i as usize], its);
+            ccd::free_share(pair.role.shape(), self.scene.corners(pair, x), moves, 1.0)
         };
         pairs.par_iter().map(share).reduce(|| 1.0, f64::min)
-    }
-
-    /// How the corners of a pair move, in the order of [`super::pairs::Scene::corners`].
-    fn corner_moves(&self, pair: &Pair, dx: &[Vec3], moves: &[Vec<Vec3>]) -> [Vec3; 4] {
-        let (sheet, a, b) = (&self.scene.sheet, pair.a as usize, pair.b as usize);
-        let c = pair.collider as usize;
-        let own = |i: u32| dx[i as usize];
-        let its = |i: u32| moves[c][i as usize];
-        match pair.role {
-            Role::OwnFace => {
-                let t = sheet.triangles[b];
-                [dx[a], own(t[0]), own(t[1]), own(t[2])]
-            }
-            Role::OwnEdges => {
-                let (p, q) = (sheet.edges.ends[a], sheet.edges.ends[b]);
-                [own(p[0]), own(p[1]), own(q[0]), own(q[1])]
-            }
-            Role::OnCollider => {
-                let t = self.scene.colliders[c].mesh().triangles[b];
-                [dx[a], its(t[0]), its(t[1]), its(t[2])]
-            }
-            Role::UnderCloth => {
-                let t = sheet.triangles[b];
-                [its(pair.a), own(t[0]), own(t[1]), own(t[2])]
-            }
-            Role::EdgeCollider => {
-                let (p, q) = (sheet.edges.ends[a], self.scene.colliders[c].edges.ends[b]);
-                [own(p[0]), own(p[1]), its(q[0]), its(q[1])]
-            }
-        }
     }
 
     /// Puts colliders where they are now. `x` are the contact points; where the move was `clean`

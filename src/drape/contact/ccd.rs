@@ -45,7 +45,7 @@ impl Shape {
     }
 
     /// Points of the first primitive.
-    fn first(self) -> usize {
+    pub fn first(self) -> usize {
         match self {
             Shape::PointTriangle => 1,
             Shape::SegmentSegment => 2,
@@ -65,6 +65,9 @@ pub fn free_share(shape: Shape, mut x: [Vec3; 4], mut dx: [Vec3; 4], most: f64) 
     dx.iter_mut().for_each(|d| *d -= mean);
     let longest = |d: &[Vec3]| d.iter().map(Vec3::norm).fold(0.0, f64::max);
     let speed = longest(&dx[..shape.first()]) + longest(&dx[shape.first()..]);
+    if speed == 0.0 {
+        return most;
+    }
     let start = shape.gap(&x).norm();
     if speed * most <= (1.0 - KEEP) * start {
         return most;

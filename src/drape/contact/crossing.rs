@@ -6,7 +6,7 @@ use robust::{Coord3D, orient3d};
 use super::fixed::{Edges, Fixed, Side};
 use super::regions::Regions;
 use super::sheet::Sheet;
-use super::tree::{BoxTree, bounds};
+use super::tree::bounds;
 use crate::model::Vec3;
 
 /// What is tangled where a step starts.
@@ -157,7 +157,7 @@ fn with_collider(sheet: &Sheet, collider: &Fixed<'_>, x: &[Vec3]) -> (Vec<bool>,
 
 /// Cloth edges through cloth triangles, each with the triangle.
 pub fn with_itself(sheet: &Sheet, x: &[Vec3]) -> Vec<[u32; 2]> {
-    let tree = BoxTree::new(sheet.triangles.iter().map(|t| bounds(&corners(t, x), 0.0)));
+    let tree = sheet.near.triangles.tree.fitted(|t| bounds(&corners(&sheet.triangles[t as usize], x), 0.0));
     let Edges { ends, .. } = &sheet.edges;
     let lists: Vec<Vec<[u32; 2]>> = (0..ends.len())
         .into_par_iter()

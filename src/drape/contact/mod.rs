@@ -43,7 +43,7 @@ use rayon::prelude::*;
 use aim::Aim;
 use crossing::Tangles;
 use narrow::Contacts;
-use pairs::{FIXED, Mode, Pair, Radii, Scene};
+use pairs::{Mode, Pair, Radii, Scene};
 use search::{Among, Beyond};
 
 use crate::device::Kernel;
@@ -66,6 +66,9 @@ const ROUNDING: f64 = 1e-12;
 
 /// Longest move in an iteration [m].
 const LONGEST: f64 = 0.05;
+
+/// Pairs that a CPU task takes at least.
+const PAIRS: usize = 1024;
 
 /// Rings of edges around a tangle that [`Contact::loosen`] frees.
 const RINGS: usize = 2;
@@ -177,14 +180,11 @@ impl<'a> Contact<'a> {
     /// that two points may move by the whole budget each, whenever they were looked at.
     fn build_moved(&mut self, x: &[Vec3], share: f64) {
         let far = share * self.budget();
-        let moved: Vec<bool> = x.iter().zip(&self.built_at).map(|(x, b)| (x - b).norm() > far).collect();
+        let moved: Vec<bool> = self.moves(x).map(|by| by > far).collect();
         self.built_at.iter_mut().zip(x).zip(&moved).filter(|(_, m)| **m).for_each(|((b, x), _)| *b = *x);
         let scene = &self.scene;
-        let stays = |pair: &Pair| {
-            let (_, ids) = scene.corners(pair, x);
-            !ids.iter().any(|&i| i != FIXED && moved[i as usize])
-        };
-        self.pairs.retain(stays);
+        let goes = |pair: &Pair| scene.of_corners(pair, |i| moved[i as usize], |_| false).contains(&true);
+        self.pairs.retain(|pair| !goes(pair));
         self.search(Some(&moved));
     }
 
@@ -199,15 +199,20 @@ impl<'a> Contact<'a> {
         }
         if self.passing == Passing::Around {
             let loose = self.tangles.around(&self.scene.sheet, RINGS);
-            let holds = |i: &u32| *i == FIXED || !loose[*i as usize];
-            found.retain(|p| self.scene.corners(p, x).1.iter().all(holds));
+            let scene = &self.scene;
+            found.retain(|p| !scene.of_corners(p, |i| loose[i as usize], |_| false).contains(&true));
         }
         self.pairs.append(&mut found);
     }
 
-    /// How far a point has moved at most since the pairs were found [m].
+    /// How far each point has moved since its pairs were found [m].
+    fn moves(&self, x: &[Vec3]) -> impl Iterator<Item = f64> {
+        x.iter().zip(&self.built_at).map(|(x, b)| (x - b).norm())
+    }
+
+    /// The longest of these moves [m].
     fn moved(&self, x: &[Vec3]) -> f64 {
-        x.iter().zip(&self.built_at).map(|(x, b)| (x - b).norm_squared()).fold(0.0, f64::max).sqrt()
+        self.moves(x).fold(0.0, f64::max)
     }
 
     fn budget(&self) -> f64 {
@@ -244,7 +249,8 @@ impl<'a> Contact<'a> {
 
     /// The contacts at `x`.
     pub fn contacts(&self, x: &[Vec3]) -> Contacts {
-        narrow::contacts(&self.scene, &self.pairs, &self.aims, x, self.stiffness, self.moved(x))
+        let moves: Vec<f64> = self.moves(x).collect();
+        narrow::contacts(&self.scene, &self.pairs, &self.aims, x, self.stiffness, &moves)
     }
 
     /// The forces of clean pairs on the contact points that are `wanted` [N].
@@ -262,8 +268,8 @@ impl<'a> Contact<'a> {
             if !matches!(pair.mode, Mode::Clean) || 2.0 * longest < 0.9 * d {
                 return 1.0;
             }
-            self.scene.free_share(pair, x, dx)
+            self.scene.free_share(pair, x, dx, 1.0)
         };
-        self.pairs.par_iter().zip(&contacts.distances).map(share).reduce(|| 1.0, f64::min)
+        self.pairs.par_iter().zip(&contacts.distances).with_min_len(PAIRS).map(share).reduce(|| 1.0, f64::min)
     }
 }

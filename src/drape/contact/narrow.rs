@@ -31,7 +31,7 @@ pub struct Contacts {
 
 /// Finds the contacts of `pairs`, and the springs of `aims` that are not met, at `x`.
 ///
-/// `stiffness` is a pair's [N/m]; `moved` is how far a point may have moved since the pairs
+/// `stiffness` is a pair's [N/m]; `moves` is how far each contact point has moved since its pairs
 /// were found [m]: a pair that cannot have come near since is not looked at.
 pub fn contacts(
     scene: &Scene<'_>,
@@ -39,25 +39,26 @@ pub fn contacts(
     aims: &[Aim],
     x: &[Vec3],
     stiffness: f64,
-    moved: f64,
+    moves: &[f64],
 ) -> Contacts {
     let parts: Vec<Contacts> = pairs
         .par_chunks(CHUNK)
         .map(|chunk| {
             let mut part = Contacts { stencils: Vec::new(), distances: Vec::with_capacity(chunk.len()) };
             for pair in chunk {
-                let least = pair.found_at - 2.0 * moved;
+                let least = pair.found_at - nearer(scene, pair, moves);
                 if least > pair.radius && matches!(pair.mode, Mode::Clean) {
                     part.distances.push(least);
                     continue;
                 }
-                let (corners, ids) = scene.corners(pair, x);
+                let corners = scene.corners(pair, x);
                 let weights = pair.role.shape().coefficients(&corners);
                 let gap = combine(&weights, &corners);
                 let d = gap.norm();
                 part.distances.push(d);
                 if d < pair.radius || matches!(pair.mode, Mode::Wrong { .. }) {
                     let of = (&scene.sheet.node[..], stiffness);
+                    let ids = scene.ids(pair);
                     resist(scene, pair, &corners, &ids, &weights, &gap, of, &mut part.stencils);
                 }
             }
@@ -74,6 +75,14 @@ pub fn contacts(
     all
 }
 
+/// How much nearer a pair can have come by the `moves` of its points [m].
+fn nearer(scene: &Scene<'_>, pair: &Pair, moves: &[f64]) -> f64 {
+    let by = scene.of_corners(pair, |i| moves[i as usize], |_| 0.0);
+    let (first, second) = by.split_at(pair.role.shape().first());
+    let longest = |by: &[f64]| by.iter().copied().fold(0.0, f64::max);
+    longest(first) + longest(second)
+}
+
 /// The forces of clean pairs on the contact points that are `wanted` [N].
 pub fn forces_on(
     scene: &Scene<'_>,
@@ -85,7 +94,7 @@ pub fn forces_on(
     let points: Vec<u32> = (0..x.len() as u32).collect();
     let mut forces = Vec::new();
     for pair in pairs.iter().filter(|pair| matches!(pair.mode, Mode::Clean)) {
-        let (corners, ids) = scene.corners(pair, x);
+        let (corners, ids) = (scene.corners(pair, x), scene.ids(pair));
         if !ids.iter().any(|&i| i != FIXED && wanted[i as usize]) {
             continue;
         }

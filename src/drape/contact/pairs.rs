@@ -79,36 +79,41 @@ pub struct Scene<'a> {
 }
 
 impl Scene<'_> {
-    /// The four points of a pair, and which contact points they are ([`FIXED`] if none).
-    pub fn corners(&self, pair: &Pair, x: &[Vec3]) -> ([Vec3; 4], [u32; 4]) {
+    /// What belongs to the four points of a pair: `cloth` of a contact point, `fixed` of a point of
+    /// the pair's collider.
+    #[inline]
+    pub fn of_corners<T>(
+        &self,
+        pair: &Pair,
+        cloth: impl Fn(u32) -> T + Copy,
+        fixed: impl Fn(u32) -> T + Copy,
+    ) -> [T; 4] {
         let (sheet, a, b) = (&self.sheet, pair.a as usize, pair.b as usize);
-        let own = |ids: [u32; 4]| (ids.map(|i| x[i as usize]), ids);
+        let collider = || &self.colliders[pair.collider as usize];
+        let one_and_three = |p: T, [q, r, s]: [T; 3]| [p, q, r, s];
+        let two_and_two = |[p, q]: [T; 2], [r, s]: [T; 2]| [p, q, r, s];
         match pair.role {
-            Role::OwnFace => {
-                let t = sheet.triangles[b];
-                own([pair.a, t[0], t[1], t[2]])
-            }
-            Role::OwnEdges => {
-                let (p, q) = (sheet.edges.ends[a], sheet.edges.ends[b]);
-                own([p[0], p[1], q[0], q[1]])
-            }
-            Role::OnCollider => {
-                let [p, q, r] = self.colliders[pair.collider as usize].mesh().corners(b);
-                ([x[a], p, q, r], [pair.a, FIXED, FIXED, FIXED])
-            }
-            Role::UnderCloth => {
-                let t = sheet.triangles[b];
-                let p = self.colliders[pair.collider as usize].mesh().points[a];
-                let [t0, t1, t2] = t.map(|i| x[i as usize]);
-                ([p, t0, t1, t2], [FIXED, t[0], t[1], t[2]])
-            }
+            Role::OwnFace => one_and_three(cloth(pair.a), sheet.triangles[b].map(cloth)),
+            Role::OnCollider => one_and_three(cloth(pair.a), collider().mesh().triangles[b].map(fixed)),
+            Role::UnderCloth => one_and_three(fixed(pair.a), sheet.triangles[b].map(cloth)),
+            Role::OwnEdges => two_and_two(sheet.edges.ends[a].map(cloth), sheet.edges.ends[b].map(cloth)),
             Role::EdgeCollider => {
-                let e = sheet.edges.ends[a];
-                let collider = &self.colliders[pair.collider as usize];
-                let [p, q] = collider.edges.ends[b].map(|i| collider.mesh().points[i as usize]);
-                ([x[e[0] as usize], x[e[1] as usize], p, q], [e[0], e[1], FIXED, FIXED])
+                two_and_two(sheet.edges.ends[a].map(cloth), collider().edges.ends[b].map(fixed))
             }
         }
+    }
+
+    /// The four points of a pair.
+    #[inline]
+    pub fn corners(&self, pair: &Pair, x: &[Vec3]) -> [Vec3; 4] {
+        let fixed = |i: u32| self.colliders[pair.collider as usize].mesh().points[i as usize];
+        self.of_corners(pair, |i| x[i as usize], fixed)
+    }
+
+    /// Which contact points the four are ([`FIXED`] if none).
+    #[inline]
+    pub fn ids(&self, pair: &Pair) -> [u32; 4] {
+        self.of_corners(pair, |i| i, |_| FIXED)
     }
 }
 

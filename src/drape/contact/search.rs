@@ -19,6 +19,8 @@ const SIDE_REACH: f64 = 0.015;
 const TOUCHING: f64 = 1e-5;
 /// Primitives that share a walk through a tree.
 pub(super) const GROUP: usize = 8;
+/// Such groups that a CPU task takes at least: waking a thread costs tens of microseconds.
+pub(super) const GROUPS: usize = 32;
 
 /// The contact points whose pairs are searched; `None` for all.
 #[derive(Clone, Copy, Debug)]
@@ -59,7 +61,7 @@ impl Scene<'_> {
 
     /// The pair, with its distance, if that is below `reach`.
     fn within(&self, pair: Pair, x: &[Vec3], reach: f64) -> Option<Pair> {
-        let found_at = pair.role.shape().gap(&self.corners(&pair, x).0).norm();
+        let found_at = pair.role.shape().gap(&self.corners(&pair, x)).norm();
         (found_at < reach).then_some(Pair { found_at, ..pair })
     }
 
@@ -82,7 +84,7 @@ impl Scene<'_> {
         };
         // A point inside has one spring of its own, see `narrow`.
         let around = |v: u32| if inside[v as usize] { None } else { among.around([v], x, reach) };
-        let points = gather(&sheet.order.points, around, &collider.triangle_tree, |v, t| {
+        let points = gather(&sheet.near.points.order, around, &collider.triangle_tree, |v, t| {
             if !shown(|h| &h.triangles, t) {
                 return None;
             }
@@ -90,7 +92,7 @@ impl Scene<'_> {
         });
         let corners = |t: u32| sheet.triangles[t as usize];
         let around = |t: u32| among.around(corners(t), x, reach);
-        let faces = gather(&sheet.order.triangles, around, &collider.point_tree, |t, p| {
+        let faces = gather(&sheet.near.triangles.order, around, &collider.point_tree, |t, p| {
             if !collider.used[p as usize] || !shown(|h| &h.points, p) {
                 return None;
             }
@@ -99,7 +101,7 @@ impl Scene<'_> {
         });
         let ends = |e: u32| sheet.edges.ends[e as usize];
         let around = |e: u32| among.around(ends(e), x, reach);
-        let edges = gather(&sheet.order.edges, around, &collider.edge_tree, |e, f| {
+        let edges = gather(&sheet.near.edges.order, around, &collider.edge_tree, |e, f| {
             if !shown(|h| &h.edges, f) {
                 return None;
             }
@@ -110,25 +112,25 @@ impl Scene<'_> {
     }
 
     fn own(&self, x: &[Vec3], (radius, reach): (f64, f64), tangles: &Tangles, among: Among<'_>) -> Vec<Pair> {
-        let sheet = &self.sheet;
+        let (sheet, near) = (&self.sheet, &self.sheet.near);
         let tangled = self.tangled(&tangles.own);
         let at = |i: u32| x[i as usize];
-        let faces_tree = BoxTree::new(sheet.triangles.iter().map(|t| bounds(&t.map(at), 0.0)));
-        let edges_tree = BoxTree::new(sheet.edges.ends.iter().map(|e| bounds(&e.map(at), 0.0)));
+        let faces_tree = near.triangles.tree.fitted(|t| bounds(&sheet.triangles[t as usize].map(at), 0.0));
+        let edges_tree = near.edges.tree.fitted(|e| bounds(&sheet.edges.ends[e as usize].map(at), 0.0));
         let make = |role: Role, a: u32, b: u32| {
             let pair = Pair { role, collider: 0, a, b, radius, found_at: 0.0, mode: Mode::Clean };
             let mut pair = self.within(pair, x, reach)?;
-            let (source, _) = self.corners(&pair, &sheet.source);
+            let source = self.corners(&pair, &sheet.source);
             let gap = role.shape().gap(&source);
             pair.radius = radius.min(SOURCE_SHARE * gap.norm());
             if pair.found_at > pair.radius + (reach - radius) {
                 return None;
             }
-            let near = gap.norm() < SIDE_REACH;
+            let beside = gap.norm() < SIDE_REACH;
             if tangled.contains(&(role, a, b)) {
-                let sign = if near { orientation(role, &source, &gap).signum() } else { 0.0 };
+                let sign = if beside { orientation(role, &source, &gap).signum() } else { 0.0 };
                 pair.mode = Mode::Wrong { sign };
-            } else if !near && self.must_pass(role, a, b, tangles) {
+            } else if !beside && self.must_pass(role, a, b, tangles) {
                 return None;
             }
             Some(pair)
@@ -136,21 +138,21 @@ impl Scene<'_> {
         let apart = |a: &[u32], b: &[u32]| !sheet.share_node(a, b);
         let corners = |t: u32| &sheet.triangles[t as usize];
         let around = |v: u32| among.around([v], x, reach);
-        let mut pairs = gather(&sheet.order.points, around, &faces_tree, |v, t| {
+        let mut pairs = gather(&sheet.near.points.order, around, &faces_tree, |v, t| {
             apart(&[v], corners(t)).then(|| make(Role::OwnFace, v, t)).flatten()
         });
         if among.0.is_some() {
             // Their triangles with all other points.
-            let points_tree = BoxTree::new(x.iter().map(|p| (*p, *p)));
+            let points_tree = near.points.tree.fitted(|p| (at(p), at(p)));
             let around = |t: u32| among.around(*corners(t), x, reach);
-            pairs.extend(gather(&sheet.order.triangles, around, &points_tree, |t, v| {
+            pairs.extend(gather(&sheet.near.triangles.order, around, &points_tree, |t, v| {
                 let other = !among.any(&[v]) && apart(&[v], corners(t));
                 other.then(|| make(Role::OwnFace, v, t)).flatten()
             }));
         }
         let ends = |e: u32| &sheet.edges.ends[e as usize];
         let around = |e: u32| among.around(*ends(e), x, reach);
-        pairs.extend(gather(&sheet.order.edges, around, &edges_tree, |e, f| {
+        pairs.extend(gather(&sheet.near.edges.order, around, &edges_tree, |e, f| {
             let first = f > e || !among.any(ends(f));
             (first && apart(ends(e), ends(f))).then(|| make(Role::OwnEdges, e.min(f), e.max(f))).flatten()
         }));
@@ -219,7 +221,7 @@ fn gather(
         list.sort_unstable_by_key(|p: &Pair| (p.a, p.b));
         list
     };
-    let lists: Vec<Vec<Pair>> = order.par_chunks(GROUP).map(of_group).collect();
+    let lists: Vec<Vec<Pair>> = order.par_chunks(GROUP).with_min_len(GROUPS).map(of_group).collect();
     lists.concat()
 }
 

@@ -20,29 +20,34 @@ pub struct Sheet {
     pub edges: Edges,
     /// Contact points on the source body [m].
     pub source: Vec<Vec3>,
-    /// Primitives in an order in which neighbours on the source follow each other.
-    pub order: Order,
+    /// What is near what on the source.
+    pub near: Neighbours,
 }
 
-/// An order of contact points, triangles and edges for searches that neighbours share.
+/// Contact points, triangles and edges by where they are on the source.
 #[derive(Clone, Debug)]
-pub struct Order {
+pub struct Neighbours {
     /// Contact points.
-    pub points: Vec<u32>,
+    pub points: Nearby,
     /// Triangles.
-    pub triangles: Vec<u32>,
+    pub triangles: Nearby,
     /// Edges.
-    pub edges: Vec<u32>,
+    pub edges: Nearby,
 }
 
-impl Order {
-    fn new(points: &[Vec3], triangles: &[[u32; 3]], edges: &[[u32; 2]]) -> Order {
-        let at = |i: u32| points[i as usize];
-        Order {
-            points: BoxTree::new(points.iter().map(|p| (*p, *p))).order(),
-            triangles: BoxTree::new(triangles.iter().map(|t| bounds(&t.map(at), 0.0))).order(),
-            edges: BoxTree::new(edges.iter().map(|e| bounds(&e.map(at), 0.0))).order(),
-        }
+/// Primitives of one kind, for searches that neighbours share.
+#[derive(Clone, Debug)]
+pub struct Nearby {
+    /// An order in which neighbours follow each other.
+    pub order: Vec<u32>,
+    /// A tree to be fitted to where they are.
+    pub tree: BoxTree,
+}
+
+impl Nearby {
+    fn new<const N: usize>(source: &[Vec3], primitives: impl Iterator<Item = [u32; N]>) -> Nearby {
+        let tree = BoxTree::new(primitives.map(|p| bounds(&p.map(|i| source[i as usize]), 0.0)));
+        Nearby { order: tree.order(), tree }
     }
 }
 
@@ -72,8 +77,12 @@ impl Sheet {
     /// The sheet of these contact points and triangles, see the fields.
     pub(super) fn of(node: Vec<u32>, vertex: Vec<u32>, triangles: Vec<[u32; 3]>, source: Vec<Vec3>) -> Sheet {
         let edges = Edges::new(&triangles);
-        let order = Order::new(&source, &triangles, &edges.ends);
-        Sheet { node, vertex, triangles, edges, source, order }
+        let near = Neighbours {
+            points: Nearby::new(&source, (0..source.len() as u32).map(|p| [p])),
+            triangles: Nearby::new(&source, triangles.iter().copied()),
+            edges: Nearby::new(&source, edges.ends.iter().copied()),
+        };
+        Sheet { node, vertex, triangles, edges, source, near }
     }
 
     /// Contact points from vertices.

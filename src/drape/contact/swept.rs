@@ -1,11 +1,13 @@
 //! How far a move may go, whatever its length: continuous collision detection over the boxes that
 //! primitives sweep.
 
+use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
+
 use rayon::prelude::*;
 
 use super::ccd;
 use super::pairs::{Mode, Pair, Role, Scene};
-use super::search::GROUP;
+use super::search::{GROUP, GROUPS};
 use super::tree::{Bounds, BoxTree, bounds};
 use crate::model::Vec3;
 
@@ -13,17 +15,37 @@ use crate::model::Vec3;
 const CLEARANCE: f64 = 2e-4;
 
 impl Scene<'_> {
-    /// The share of the move `dx`, at most 1, that the pair permits.
-    pub fn free_share(&self, pair: &Pair, x: &[Vec3], dx: &[Vec3]) -> f64 {
-        let (corners, ids) = self.corners(pair, x);
-        let moves = ids.map(|i| dx.get(i as usize).copied().unwrap_or_else(Vec3::zeros));
-        ccd::free_share(pair.role.shape(), corners, moves, 1.0)
+    /// The share of the move `dx`, at most `most`, that the pair permits.
+    pub fn free_share(&self, pair: &Pair, x: &[Vec3], dx: &[Vec3], most: f64) -> f64 {
+        let moves = self.of_corners(pair, |i| dx[i as usize], |_| Vec3::zeros());
+        ccd::free_share(pair.role.shape(), self.corners(pair, x), moves, most)
     }
 
     /// The share of the move `dx` of clean cloth, at most 1, that nothing on its way forbids.
     pub fn swept_share(&self, x: &[Vec3], dx: &[Vec3]) -> f64 {
-        let path = Path { scene: self, x, dx };
-        (0..self.colliders.len()).map(|c| path.past_collider(c)).fold(path.past_itself(), f64::min)
+        let path = Path { scene: self, x, dx, least: Least::new() };
+        path.past_itself();
+        (0..self.colliders.len()).for_each(|c| path.past_collider(c));
+        path.least.get()
+    }
+}
+
+/// The least share that any task has found: what permits as much need not be looked at closely.
+/// The least of all does not depend on the order in which they are met.
+struct Least(AtomicU64);
+
+impl Least {
+    fn new() -> Least {
+        Least(AtomicU64::new(1.0_f64.to_bits()))
+    }
+
+    fn get(&self) -> f64 {
+        f64::from_bits(self.0.load(Relaxed))
+    }
+
+    fn lower(&self, share: f64) {
+        // Bits of floats that are not negative are ordered as the floats are.
+        self.0.fetch_min(share.to_bits(), Relaxed);
     }
 }
 
@@ -32,6 +54,7 @@ struct Path<'a> {
     scene: &'a Scene<'a>,
     x: &'a [Vec3],
     dx: &'a [Vec3],
+    least: Least,
 }
 
 impl Path<'_> {
@@ -40,66 +63,67 @@ impl Path<'_> {
         bounds(ends.as_flattened(), 0.5 * CLEARANCE)
     }
 
-    fn share(&self, role: Role, collider: usize, a: u32, b: u32) -> f64 {
+    /// Looks at a pair.
+    fn meet(&self, role: Role, collider: usize, a: u32, b: u32) {
         let (collider, mode) = (collider as u16, Mode::Clean);
         let pair = Pair { role, collider, a, b, radius: 0.0, found_at: 0.0, mode };
-        self.scene.free_share(&pair, self.x, self.dx)
+        let most = self.least.get();
+        let share = self.scene.free_share(&pair, self.x, self.dx, most);
+        if share < most {
+            self.least.lower(share);
+        }
     }
 
-    fn past_collider(&self, c: usize) -> f64 {
+    fn past_collider(&self, c: usize) {
         let (sheet, collider) = (&self.scene.sheet, &self.scene.colliders[c]);
         let swept = |v: u32| self.swept([v]);
-        let points = least(&sheet.order.points, swept, &collider.triangle_tree, |v, t| {
-            self.share(Role::OnCollider, c, v, t)
+        on_the_way(&sheet.near.points.order, swept, &collider.triangle_tree, |v, t| {
+            self.meet(Role::OnCollider, c, v, t);
         });
         let swept = |t: u32| self.swept(sheet.triangles[t as usize]);
-        let faces = least(&sheet.order.triangles, swept, &collider.point_tree, |t, p| {
-            if collider.used[p as usize] { self.share(Role::UnderCloth, c, p, t) } else { 1.0 }
+        on_the_way(&sheet.near.triangles.order, swept, &collider.point_tree, |t, p| {
+            if collider.used[p as usize] {
+                self.meet(Role::UnderCloth, c, p, t);
+            }
         });
         let swept = |e: u32| self.swept(sheet.edges.ends[e as usize]);
-        let edges = least(&sheet.order.edges, swept, &collider.edge_tree, |e, f| {
-            self.share(Role::EdgeCollider, c, e, f)
+        on_the_way(&sheet.near.edges.order, swept, &collider.edge_tree, |e, f| {
+            self.meet(Role::EdgeCollider, c, e, f);
         });
-        points.min(faces).min(edges)
     }
 
-    fn past_itself(&self) -> f64 {
-        let sheet = &self.scene.sheet;
-        let faces = BoxTree::new(sheet.triangles.iter().map(|&t| self.swept(t)));
-        let edges = BoxTree::new(sheet.edges.ends.iter().map(|&e| self.swept(e)));
+    fn past_itself(&self) {
+        let (sheet, near) = (&self.scene.sheet, &self.scene.sheet.near);
+        let faces = near.triangles.tree.fitted(|t| self.swept(sheet.triangles[t as usize]));
+        let edges = near.edges.tree.fitted(|e| self.swept(sheet.edges.ends[e as usize]));
         let swept = |v: u32| self.swept([v]);
-        let by_points = least(&sheet.order.points, swept, &faces, |v, t| {
-            let apart = !sheet.share_node(&[v], &sheet.triangles[t as usize]);
-            if apart { self.share(Role::OwnFace, 0, v, t) } else { 1.0 }
+        on_the_way(&near.points.order, swept, &faces, |v, t| {
+            if !sheet.share_node(&[v], &sheet.triangles[t as usize]) {
+                self.meet(Role::OwnFace, 0, v, t);
+            }
         });
         let ends = |e: u32| sheet.edges.ends[e as usize];
-        let by_edges = least(
-            &sheet.order.edges,
-            |e| self.swept(ends(e)),
-            &edges,
-            |e, f| {
-                let apart = f > e && !sheet.share_node(&ends(e), &ends(f));
-                if apart { self.share(Role::OwnEdges, 0, e, f) } else { 1.0 }
-            },
-        );
-        by_points.min(by_edges)
+        let swept = |e: u32| self.swept(ends(e));
+        on_the_way(&near.edges.order, swept, &edges, |e, f| {
+            if f > e && !sheet.share_node(&ends(e), &ends(f)) {
+                self.meet(Role::OwnEdges, 0, e, f);
+            }
+        });
     }
 }
 
-/// The least share, at most 1, of all primitives in `order` and the items of `tree` on their way.
-fn least(
+/// Calls `meet` with all primitives in `order` and the items of `tree` on their way.
+fn on_the_way(
     order: &[u32],
     swept: impl Fn(u32) -> Bounds + Sync,
     tree: &BoxTree,
-    share: impl Fn(u32, u32) -> f64 + Sync,
-) -> f64 {
+    meet: impl Fn(u32, u32) + Sync,
+) {
     let of_group = |group: &[u32]| {
         let queries: Vec<(u32, Bounds)> = group.iter().map(|&i| (i, swept(i))).collect();
-        let mut least = 1.0_f64;
-        tree.query_all(&queries, &mut |i, item| least = least.min(share(i, item)));
-        least
+        tree.query_all(&queries, &mut |i, item| meet(i, item));
     };
-    order.par_chunks(GROUP).map(of_group).reduce(|| 1.0, f64::min)
+    order.par_chunks(GROUP).with_min_len(GROUPS).for_each(of_group);
 }
 
 #[cfg(test)]

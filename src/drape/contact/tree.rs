@@ -1,4 +1,6 @@
 //! A tree of bounding boxes in a flat array with skip links, for the broad phase.
+//!
+//! What moves keeps its tree: boxes are fitted anew, the hierarchy stays.
 
 use crate::model::Vec3;
 
@@ -24,8 +26,10 @@ struct Small {
 
 impl From<&Bounds> for Small {
     fn from((lo, hi): &Bounds) -> Small {
-        let down = |v: f64| if f64::from(v as f32) > v { (v as f32).next_down() } else { v as f32 };
-        let up = |v: f64| -down(-v);
+        // A step in the last place and more, without asking which way `v` was rounded.
+        let step = |v: f32| v.abs() * f32::EPSILON + f32::MIN_POSITIVE;
+        let down = |v: f64| v as f32 - step(v as f32);
+        let up = |v: f64| v as f32 + step(v as f32);
         Small { lo: [down(lo.x), down(lo.y), down(lo.z)], hi: [up(hi.x), up(hi.y), up(hi.z)] }
     }
 }
@@ -76,6 +80,23 @@ impl BoxTree {
         BoxTree { nodes, items }
     }
 
+    /// The same hierarchy over other boxes of its items.
+    pub fn fitted(&self, of: impl Fn(u32) -> Bounds) -> BoxTree {
+        let mut tree = self.clone();
+        tree.items.iter_mut().for_each(|(item, small)| *small = (&of(*item)).into());
+        // Children follow their parents: the first at once, the second where the first is skipped to.
+        for at in (0..tree.nodes.len()).rev() {
+            let (first, count) = tree.nodes[at].items;
+            tree.nodes[at].bounds = if count > 0 {
+                around(&tree.items[first as usize..(first + count) as usize])
+            } else {
+                let second = tree.nodes[at + 1].skip as usize;
+                tree.nodes[at + 1].bounds.with(&tree.nodes[second].bounds)
+            };
+        }
+        tree
+    }
+
     /// All items, neighbours in the tree next to each other.
     pub fn order(&self) -> Vec<u32> {
         self.items.iter().map(|(item, _)| *item).collect()
@@ -118,9 +139,14 @@ impl BoxTree {
     }
 }
 
+/// The box of some items, at least one.
+fn around(items: &[Item]) -> Small {
+    items[1..].iter().fold(items[0].1, |a, (_, b)| a.with(b))
+}
+
 fn build(items: &mut [Item], first: usize, count: usize, nodes: &mut Vec<Node>) {
     let slice = &mut items[first..first + count];
-    let all = slice[1..].iter().fold(slice[0].1, |a, (_, b)| a.with(b));
+    let all = around(slice);
     let at = nodes.len();
     let leaf = count <= LEAF;
     nodes.push(Node { bounds: all, skip: 0, items: (first as u32, if leaf { count as u32 } else { 0 }) });
@@ -149,14 +175,17 @@ mod tests {
                 bounds(&[c], (i % 7) as f64)
             })
             .collect();
-        let tree = BoxTree::new(boxes.iter().copied());
-        for q in &boxes {
-            let mut found = Vec::new();
-            tree.query(q, &mut |i| found.push(i));
-            found.sort_unstable();
-            let overlap = |a: &Bounds| (0..3).all(|k| a.0[k] <= q.1[k] && q.0[k] <= a.1[k]);
-            let expected: Vec<u32> = (0..300).filter(|&i| overlap(&boxes[i as usize])).collect();
-            assert_eq!(found, expected);
+        // The second tree was made for others, far from where its items are now.
+        let elsewhere = BoxTree::new(boxes.iter().rev().copied());
+        for tree in [BoxTree::new(boxes.iter().copied()), elsewhere.fitted(|i| boxes[i as usize])] {
+            for q in &boxes {
+                let mut found = Vec::new();
+                tree.query(q, &mut |i| found.push(i));
+                found.sort_unstable();
+                let overlap = |a: &Bounds| (0..3).all(|k| a.0[k] <= q.1[k] && q.0[k] <= a.1[k]);
+                let expected: Vec<u32> = (0..300).filter(|&i| overlap(&boxes[i as usize])).collect();
+                assert_eq!(found, expected);
+            }
         }
     }
 

@@ -47,7 +47,7 @@ use gather::Assembly;
 use judge::{Judge, Measured};
 
 /// Elements that a kernel's CPU twin gives one task.
-const GRAIN: usize = 128;
+const GRAIN: usize = 512;
 
 /// All kernels of this module, for the tests that validate WGSL.
 pub const KERNELS: &[&Kernel] = &[
