@@ -99,7 +99,8 @@ pub(super) fn significant(joints: &[u32], row: &[f64]) -> Sparse {
     weights
 }
 
-fn sorted(mut row: Sparse) -> Sparse {
+/// The largest first.
+pub(super) fn sorted(mut row: Sparse) -> Sparse {
     row.sort_by(|a, b| b.1.total_cmp(&a.1).then(a.0.cmp(&b.0)));
     row
 }

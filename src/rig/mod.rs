@@ -14,8 +14,8 @@
 //!    the weights. They are smoothed along the cloth, the more the farther the skin is.
 //! 4. **Few influences** ([`influences`]). Those are kept, and fitted again, that move the point
 //!    as all of them would.
-//! 5. **Refinement** ([`refine`]). Garment and body are posed; what sinks into the body is fitted
-//!    anew.
+//! 5. **Refinement** ([`refine`]). Garment and body are posed; weights are relaxed so that the cloth is
+//!    stretched little and stays out of the body.
 //!
 //! Joints that garments ignore (fingers, face) hand their weight on to an ancestor first
 //! ([`joints`]). Weights belong to *nodes* (seam groups), so they are identical across seams,

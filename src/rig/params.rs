@@ -47,7 +47,7 @@ impl Default for Params {
             reach: 0.05,
             gap: 0.016,
             jump: 0.6,
-            refine: 3,
+            refine: 5,
             ignore: IGNORED.map(str::to_owned).to_vec(),
         }
     }

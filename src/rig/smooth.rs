@@ -26,7 +26,7 @@ const LOOSEST: f64 = 0.02;
 const POWER: i32 = 3;
 
 /// Rounds of averaging the ends of edges with a jump.
-const ROUNDS: usize = 30;
+pub(super) const ROUNDS: usize = 30;
 
 /// `clearance`: distance from the skin of each node that was matched, infinite for others [m].
 pub(super) fn run(
@@ -49,22 +49,6 @@ pub(super) fn run(
     screened(cloth, pull, reach)?.solve(&mut right);
     let all: Vec<u32> = (0..size as u32).collect();
     table.take_columns(&all, &right);
-    Ok(())
-}
-
-/// Spreads changes of the weights over the cloth: each column of `changes` (`cloth.len()` values)
-/// becomes the `x` that minimises `integral c |x - change|^2 + reach^2 |grad x|^2`.
-pub(super) fn spread(
-    cloth: &Cloth,
-    pull: impl Fn(usize) -> f64,
-    reach: f64,
-    changes: &mut [f64],
-) -> Result<(), CholeskyError> {
-    let factor = screened(cloth, &pull, reach)?;
-    for column in changes.chunks_mut(cloth.len()) {
-        column.iter_mut().enumerate().for_each(|(n, x)| *x *= pull(n) * cloth.areas[n]);
-    }
-    factor.solve(changes);
     Ok(())
 }
 

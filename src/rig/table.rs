@@ -46,15 +46,6 @@ impl Table {
         &mut self.values[node * width..(node + 1) * width]
     }
 
-    /// Replaces a row; its joints must be among the columns.
-    pub fn set_row(&mut self, node: usize, weights: &Sparse) {
-        let columns: Vec<usize> =
-            weights.iter().map(|w| self.joints.binary_search(&w.0).expect("a column of its own")).collect();
-        let row = self.row_mut(node);
-        row.fill(0.0);
-        weights.iter().zip(columns).for_each(|(w, c)| row[c] = w.1);
-    }
-
     /// Takes rows from the columns of a solve (column after column, `nodes.len()` each), none
     /// negative and each with a sum of 1.
     pub fn take_columns(&mut self, nodes: &[u32], columns: &[f64]) {

@@ -136,7 +136,7 @@ def test_weights_are_refined_in_poses(sample_target):
     a, b, c, d = i * 72 + j, i * 72 + (j + 1) % 72, (i + 1) * 72 + (j + 1) % 72, (i + 1) * 72 + j
     triangles = np.concatenate([np.stack([a, b, c], 1), np.stack([a, c, d], 1)])
     depth = {}
-    for rounds in (0, 3):
+    for rounds in (0, 5):
         rigged = rig_arrays(
             sample_target, points, triangles, settings_json=json.dumps({"rig": {"refine": rounds}})
         )
@@ -150,5 +150,5 @@ def test_weights_are_refined_in_poses(sample_target):
         (figures,) = posed_check(sample_target, [mesh])
         depth[rounds] = sum(f["depth_mean_m"] for f in figures)
     before, after = rigged.report["sunk_m"]
-    assert after < 0.9 * before and rigged.report["refined"] > 0.0
-    assert depth[3] < 0.9 * depth[0]
+    assert after < 0.5 * before and rigged.report["refined"] > 0.0
+    assert depth[5] < 0.5 * depth[0]

@@ -290,7 +290,7 @@ class RigSettings(CoreModel):
     #: is left, the ends are averaged with their neighbours.
     jump: Number = 0.6
     #: Rounds of refining weights against the poses of the posed check; 0 leaves it out.
-    refine: Count = 3
+    refine: Count = 5
     #: Joints whose weight goes to their nearest kept ancestor. A pattern must match whole words of a joint's
     #: name, whatever the case; `*` and `?` stand for letters; `NAME/*` means all joints below. A garment of
     #: which they hold more than a quarter is made for them and keeps them.

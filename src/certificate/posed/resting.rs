@@ -50,12 +50,23 @@ pub struct Anchor {
 /// Where a spot is in a pose.
 #[derive(Clone, Copy, Debug)]
 pub enum Place {
-    /// Outside, and so is all that is nearer to it than this [m].
-    Outside(f64),
+    /// Outside, and so is all that is nearer to it than `clear` [m]; the closest point of the skin, where
+    /// that was looked for and is nearer than its own.
+    Outside {
+        /// See above.
+        clear: f64,
+        /// See above.
+        on: Option<Closest>,
+    },
     /// Inside; the closest point of the skin.
     Inside(Closest),
     /// Where the body overlaps itself.
     Overlap,
+}
+
+impl Place {
+    /// Outside, and no more is known.
+    pub const OUTSIDE: Place = Place::Outside { clear: 0.0, on: None };
 }
 
 impl<'a> Resting<'a> {
@@ -106,10 +117,10 @@ impl<'a> Resting<'a> {
         let vertices: Vec<Place> = self.vertices.par_iter().map(of_vertex).collect();
         let mut clear = vec![0.0; points.len()];
         for (spot, place) in self.vertices.iter().zip(&vertices) {
-            clear[spot.index] = if let Place::Outside(clear) = place { *clear } else { 0.0 };
+            clear[spot.index] = if let Place::Outside { clear, .. } = place { *clear } else { 0.0 };
         }
         let of_face = |spot: &Spot| match self.is_clear(&points, &clear, spot.index) {
-            true => Place::Outside(0.0),
+            true => Place::OUTSIDE,
             false => place(body, &self.centre(&points, spot.index), &spot.anchor),
         };
         let faces: Vec<Place> = self.faces.par_iter().map(of_face).collect();
@@ -153,7 +164,7 @@ impl Tally {
         let mut tally = Tally { inside: 0, overlapped: 0, counted: 0.0, depth: 0.0, deepest: 0.0 };
         for place in places {
             match place {
-                Place::Outside(_) => {}
+                Place::Outside { .. } => {}
                 Place::Overlap => tally.overlapped += 1,
                 Place::Inside(on) => {
                     tally.inside += 1;
@@ -177,13 +188,13 @@ pub fn place(body: &Surface, p: &Vec3, anchor: &Anchor) -> Place {
     let skin = triangle::at(&corners, &anchor.barycentric);
     // The vertex's own skin bounds the search.
     let reach = (skin - p).norm() * (1.0 + 1e-9) + TOUCH;
-    let Some(on) = body.closest_within(p, reach) else { return Place::Outside(0.0) };
+    let Some(on) = body.closest_within(p, reach) else { return Place::OUTSIDE };
     if on.distance <= TOUCH || body.pseudo_normal(&on).dot(&(p - on.point)) >= 0.0 {
-        return Place::Outside(on.distance);
+        return Place::Outside { clear: on.distance, on: Some(on) };
     }
     let winding = body.winding_number(p);
     if winding <= INSIDE {
-        return Place::Outside(on.distance);
+        return Place::Outside { clear: on.distance, on: Some(on) };
     }
     let outward = (corners[1] - corners[0]).cross(&(corners[2] - corners[0]));
     let above = skin + outward.try_normalize(0.0).unwrap_or_else(Vec3::zeros) * ABOVE_SKIN;

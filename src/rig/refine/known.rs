@@ -8,7 +8,7 @@ use rayon::prelude::*;
 
 use super::STILL;
 use crate::certificate::posed::{Place, Resting, Spot, place};
-use crate::geometry::{Closest, Surface};
+use crate::geometry::Surface;
 use crate::model::Vec3;
 
 /// Where a spot was when it was last asked for.
@@ -23,7 +23,7 @@ impl Held {
     /// Within which distance of `p` all is outside, 0 if that is not known [m].
     fn clear(&self, p: &Vec3) -> f64 {
         match self.place {
-            Some(Place::Outside(clear)) => (clear - (p - self.at).norm()).max(0.0),
+            Some(Place::Outside { clear, .. }) => (clear - (p - self.at).norm()).max(0.0),
             _ => 0.0,
         }
     }
@@ -39,8 +39,16 @@ pub(super) struct Known {
     faces: Vec<Held>,
 }
 
-/// A spot in the body, its closest point of the skin, and where it is [m].
-pub(super) type Sunk<'a> = (&'a Spot, Closest, Vec3);
+/// A spot in the body or near it.
+pub(super) struct Near<'a> {
+    pub spot: &'a Spot,
+    /// Its closest point of the skin.
+    pub on: Vec3,
+    /// Out of the body there, of length 1.
+    pub outward: Vec3,
+    /// How deep it is in the body; not positive for those outside [m].
+    pub depth: f64,
+}
 
 impl Known {
     /// Nothing is known.
@@ -63,20 +71,20 @@ impl Known {
         };
         for (held, spot) in self.faces.iter_mut().zip(&resting.faces) {
             if !held.is_known(&centre(spot)) && resting.is_clear(points, &clear, spot.index) {
-                *held = Held { at: centre(spot), place: Some(Place::Outside(0.0)) };
+                *held = Held { at: centre(spot), place: Some(Place::OUTSIDE) };
             }
         }
         ask(&mut self.faces, &resting.faces, centre, is_known, body);
     }
 
-    /// Vertices that are in the body.
-    pub fn vertices<'r>(&self, resting: &'r Resting<'_>) -> impl Iterator<Item = Sunk<'r>> {
-        sunk(&self.vertices, &resting.vertices)
+    /// Vertices that are in the body, or nearer to it than `within` [m].
+    pub fn vertices<'r>(&self, resting: &'r Resting<'_>, within: f64) -> impl Iterator<Item = Near<'r>> {
+        near(&self.vertices, &resting.vertices, within)
     }
 
     /// Faces whose centre is.
-    pub fn faces<'r>(&self, resting: &'r Resting<'_>) -> impl Iterator<Item = Sunk<'r>> {
-        sunk(&self.faces, &resting.faces)
+    pub fn faces<'r>(&self, resting: &'r Resting<'_>, within: f64) -> impl Iterator<Item = Near<'r>> {
+        near(&self.faces, &resting.faces, within)
     }
 }
 
@@ -100,9 +108,14 @@ fn ask<'b>(
     asked.into_iter().zip(answers).for_each(|(i, answer)| held[i] = answer);
 }
 
-fn sunk<'r>(held: &[Held], spots: &'r [Spot]) -> impl Iterator<Item = Sunk<'r>> {
-    held.iter().zip(spots).filter_map(|(held, spot)| match held.place {
-        Some(Place::Inside(on)) => Some((spot, on, held.at)),
-        _ => None,
+fn near<'r>(held: &[Held], spots: &'r [Spot], within: f64) -> impl Iterator<Item = Near<'r>> {
+    held.iter().zip(spots).filter_map(move |(held, spot)| {
+        let (on, sign) = match held.place? {
+            Place::Inside(on) => (on, -1.0),
+            Place::Outside { on: Some(on), .. } if on.distance < within => (on, 1.0),
+            _ => return None,
+        };
+        let outward = (held.at - on.point).try_normalize(STILL)? * sign;
+        Some(Near { spot, on: on.point, outward, depth: -sign * on.distance })
     })
 }

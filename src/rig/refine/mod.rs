@@ -1,23 +1,25 @@
 //! Weights refined against poses.
 //!
-//! The steps before look at the bind pose alone; what they cannot know is where cloth meets skin
-//! that it does not lie on: lap and belly when the body sits, an arm that comes down on the side. So
-//! body and garments are posed, and the weights of a vertex that sinks into the body are fitted anew
-//! ([`fit`]): of all weights that keep it outside in those poses, those that move it least when
-//! any joint turns about any axis (the metric of [`super::influences`], which knows no poses). Its
-//! neighbours go along by a screened Poisson equation, so that a correction does not become a dent.
+//! The steps before look at the bind pose alone; what they cannot know is how the cloth is stretched when
+//! joints turn, and where it meets skin that it does not lie on: lap and belly when the body sits, an arm
+//! that comes down on the side. So body and garments are posed, and all weights of a garment are taken
+//! that stretch it little in those poses and keep it out of the body, near those that it had ([`weights`]).
+//! Skin also comes through between vertices, so the centres of faces are kept out too ([`contact`]).
 //!
-//! Corrections may not stretch the cloth much more than it was ([`garment`]); else a share of them is
-//! taken, or none. A few rounds suffice; each garment keeps the round in which it sinks the least.
-//!
-//! Skin also comes through between vertices. So the centres of faces are looked at too ([`contact`]).
+//! In each round the posed garment is looked at, and its weights are relaxed with the contacts found. Where
+//! that stretches the cloth more than it was, contacts count less in the next round, else more
+//! ([`garment`]). Each garment keeps the round that is best in the figures of the posed check taken together,
+//! of those that are worse in none than what it came with.
 
 mod contact;
-mod fit;
+mod exchange;
 mod garment;
 mod known;
+mod weights;
 
 use std::cell::OnceCell;
+
+use rayon::prelude::*;
 
 use super::cloth::node_mesh;
 use super::influences::Posed;
@@ -77,15 +79,12 @@ pub fn run(
         worn.iter().zip(&meshes).map(|(w, mesh)| Garment::new(&scene, w, mesh)).collect();
     for round in 0..=params.refine {
         let found = sinking(&scene, &mut garments);
-        for (garment, sinking) in garments.iter_mut().zip(&found) {
-            garment.keep_best(sinking);
+        garments.par_iter_mut().zip(&found).for_each(|(garment, sinking)| {
+            garment.judge(sinking);
             if round < params.refine {
-                garment.correct(&scene, sinking, params.jump)?;
+                garment.correct(sinking, params.jump);
             }
-        }
-        if garments.iter().all(|garment| garment.settled) {
-            break;
-        }
+        });
     }
     for (garment, w) in garments.iter().zip(worn) {
         let nodes = &w.sewn.groups.node_of_vertex;
@@ -93,7 +92,7 @@ pub fn run(
         let changed = |node: &&u32| before[**node as usize] != garment.best[**node as usize];
         w.info.refined = nodes.iter().filter(changed).count() as f64 / nodes.len() as f64;
         let scale = 1.0 / (poses.len() * garment.spots()).max(1) as f64;
-        w.info.sunk_m = garment.depths.unwrap_or_default().map(|d| d * scale);
+        w.info.sunk_m = garment.depths.map(|d| d * scale);
         *w.skin = skin(&garment.best, nodes, w.skin.influences);
     }
     Ok(())

@@ -60,7 +60,7 @@ fn depth(body: &Character, cloth: &Garment, skin: &Skin, poses: &[Pose]) -> f64 
 #[test]
 fn cloth_that_sinks_in_poses_is_put_back() {
     let (body, (cloth, skin)) = (limb(), sleeve());
-    let (new, info) = refined(&body, &cloth, &skin, 3);
+    let (new, info) = refined(&body, &cloth, &skin, 6);
     let (before, after) = (depth(&body, &cloth, &skin, &poses()), depth(&body, &cloth, &new, &poses()));
     assert!(before > 1e-3, "{before}: not a hard case");
     assert!(after < 0.5 * before, "{after} of {before}");
@@ -75,7 +75,7 @@ fn cloth_that_sinks_in_poses_is_put_back() {
 #[test]
 fn skin_between_vertices_is_covered_again() {
     let (body, (cloth, skin)) = (limb(), sleeve());
-    let (new, _) = refined(&body, &cloth, &skin, 3);
+    let (new, _) = refined(&body, &cloth, &skin, 6);
     let faces = |skin: &Skin| {
         let mesh = TriMesh { points: cloth.points.clone(), triangles: cloth.triangles.clone() };
         let cloths = [posed::Cloth { mesh: &mesh, skin }];
@@ -90,7 +90,7 @@ fn skin_between_vertices_is_covered_again() {
 #[test]
 fn refined_weights_are_a_partition_of_unity_and_identical_across_seams() {
     let (body, (cloth, skin)) = (limb(), sleeve());
-    let (new, _) = refined(&body, &cloth, &skin, 3);
+    let (new, _) = refined(&body, &cloth, &skin, 6);
     assert_eq!(new.influences, 2);
     assert!(new.joint_weights.iter().all(|w| (0.0..=1.0).contains(w)));
     assert!(new.joint_weights.chunks(2).all(|w| (w[0] + w[1] - 1.0).abs() < 1e-12));
@@ -107,7 +107,7 @@ fn what_does_not_sink_is_left_as_it_is() {
     assert_eq!(refined(&body, &cloth, &skin, 0).0, skin);
     let own: Vec<f64> = cloth.points.iter().map(|p| ((p.x - 0.27) / 0.06).clamp(0.0, 1.0)).collect();
     let follows = Skin { joint_weights: own.iter().flat_map(|w| [1.0 - w, *w]).collect(), ..skin };
-    let (new, info) = refined(&body, &cloth, &follows, 3);
+    let (new, info) = refined(&body, &cloth, &follows, 6);
     let before = depth(&body, &cloth, &follows, &poses());
     assert!(depth(&body, &cloth, &new, &poses()) <= before);
     assert!(info.sunk_m[1] <= info.sunk_m[0]);
