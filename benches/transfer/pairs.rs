@@ -6,22 +6,28 @@ use dressform::device::Device;
 use dressform::geometry::Surface;
 use dressform::geometry::intersect::self_intersections;
 use dressform::model::{TriMesh, Vec3};
+use dressform::transfer::clear::Cloth;
 use dressform::transfer::{Carried, Params, Prepared, prepare};
 
 use crate::input::{Meshes, Outfit, timed};
 
-/// Triangle pairs of a garment that cross with its points at `points`, seams welded: points
-/// that coincide on the source are one.
+/// The number of each point of a garment, seams welded: points that coincide on the source are one.
+fn weld(garment: &TriMesh) -> Vec<u32> {
+    let mut numbers = HashMap::new();
+    let number = |p: &Vec3| {
+        let (place, next) = (p.map(f64::to_bits), numbers.len() as u32);
+        *numbers.entry([place.x, place.y, place.z]).or_insert(next)
+    };
+    garment.points.iter().map(number).collect()
+}
+
+/// Triangle pairs of a garment that cross with its points at `points`.
 fn crossings(points: &[Vec3], garment: &TriMesh) -> usize {
-    let mut first = HashMap::new();
-    let welded: Vec<u32> = (0..garment.points.len() as u32)
-        .map(|i| {
-            let place = garment.points[i as usize].map(f64::to_bits);
-            *first.entry([place.x, place.y, place.z]).or_insert(i)
-        })
-        .collect();
-    let triangles = garment.triangles.iter().map(|t| t.map(|i| welded[i as usize])).collect();
-    self_intersections(&Surface::new(TriMesh { points: points.to_vec(), triangles })).len()
+    let weld = weld(garment);
+    let mut welded = vec![Vec3::zeros(); points.len()];
+    points.iter().zip(&weld).for_each(|(p, &w)| welded[w as usize] = *p);
+    let triangles = garment.triangles.iter().map(|t| t.map(|i| weld[i as usize])).collect();
+    self_intersections(&Surface::new(TriMesh { points: welded, triangles })).len()
 }
 
 /// Garments carried, the smallest determinant of all, and self-intersections.
@@ -32,10 +38,15 @@ struct Carry {
     inside: usize,
 }
 
+fn carry_cloth(prepared: &Prepared, device: &Device, garment: &TriMesh) -> Carried {
+    let cloth = Cloth { points: &garment.points, triangles: &garment.triangles, weld: &weld(garment) };
+    prepared.carry_cloth(device, &cloth).expect("carries")
+}
+
 fn carry(prepared: &Prepared, outfit: &Outfit) -> Carry {
     let device = Device::cpu();
     let carried: Vec<Carried> =
-        outfit.garments.iter().map(|(_, g)| prepared.carry(&device, &g.points).expect("carries")).collect();
+        outfit.garments.iter().map(|(_, g)| carry_cloth(prepared, &device, g)).collect();
     Carry {
         determinant: carried.iter().map(|c| c.determinant_min).fold(f64::INFINITY, f64::min),
         crossings: carried.iter().zip(&outfit.garments).map(|(c, (_, g))| crossings(&c.points, g)).sum(),
@@ -56,9 +67,9 @@ pub fn pairs(meshes: &Meshes) -> impl Iterator<Item = (&Outfit, &String, &TriMes
 pub fn table(meshes: &Meshes) {
     println!("\n## All pairs with the default settings\n");
     println!(
-        "| outfit | target | gap p99 mm | mean mm | outer | CG | CPU s | stop | determinant | self-intersections | inside | folds |"
+        "| outfit | target | gap p99 mm | mean mm | outer | CG | CPU s | stop | determinant | self-intersections | inside | folds | skin pairs before, after | lift mm |"
     );
-    println!("|{}", " --- |".repeat(12));
+    println!("|{}", " --- |".repeat(14));
     for (outfit, name, body) in pairs(meshes) {
         let (prepared, seconds) = timed(|| prepare(&Device::cpu(), &outfit.body, body, &Params::default()));
         let prepared = prepared.expect("bodies of one topology");
@@ -66,7 +77,7 @@ pub fn table(meshes: &Meshes) {
         let carry = carry(&prepared, outfit);
         let info = prepared.info(&carry.carried[0], &near);
         println!(
-            "| {} | {name} | {:.3} | {:.3} | {} | {} | {seconds:.2} | {:?}{} | {:.3} | {} | {} | {} |",
+            "| {} | {name} | {:.3} | {:.3} | {} | {} | {seconds:.2} | {:?}{} | {:.3} | {} | {} | {} | {}, {} | {:.2} |",
             outfit.name,
             1e3 * near.gap.p99,
             1e3 * near.gap.mean,
@@ -78,6 +89,9 @@ pub fn table(meshes: &Meshes) {
             carry.crossings,
             carry.inside,
             near.folds.len(),
+            carry.carried.iter().map(|c| c.lift.pairs_before).sum::<usize>(),
+            carry.carried.iter().map(|c| c.lift.pairs).sum::<usize>(),
+            1e3 * carry.carried.iter().map(|c| c.lift.largest_m).fold(0.0, f64::max),
         );
     }
 }

@@ -9,6 +9,7 @@ use crate::model::{Character, Outfit, Vec3};
 use crate::proxy::Proxy;
 use crate::rig;
 use crate::transfer::cache::Origin;
+use crate::transfer::clear::Cloth;
 use crate::transfer::pose::{PoseInfo, Unposed, unpose};
 use crate::transfer::{self, Cache};
 
@@ -76,8 +77,9 @@ pub(super) fn carry_all(
         let skin = unposed.as_ref().map(|u| OuterSkin::new(&u.character.body));
         for g in members {
             let garment = proxies[g].garment();
-            let carried =
-                found.prepared.carry(device, &garment.points).map_err(|e| e.within(&garment.path))?;
+            let weld = &garment.groups.weld_of_vertex;
+            let cloth = Cloth { points: &garment.points, triangles: &garment.triangles, weld };
+            let carried = found.prepared.carry_cloth(device, &cloth).map_err(|e| e.within(&garment.path))?;
             let info = found.prepared.info(&carried, &near);
             let fitted = carried.points;
             let points = match unposed.as_ref().zip(skin.as_ref()) {

@@ -44,6 +44,7 @@
 //! - Where closing on the band's own cells may reach the gap asked for, that is tried before
 //!   anything is refined: a gap of 2 mm costs a quarter of one of 0.5 mm.
 //! - What the gap leaves in creases of the target is named ([`folds`]).
+//! - The flow moves points. Triangles that cut the skin between them are lifted out of it ([`clear`]).
 //! - The bias starts anew in every outer loop, so compression that was accepted before is
 //!   forgotten. The *composed* map's deformation gradient is therefore carried along with
 //!   each garment vertex, and its smallest determinant is reported.
@@ -55,6 +56,7 @@ pub mod align;
 mod anderson;
 pub mod boundary;
 pub mod cache;
+pub mod clear;
 pub mod domain;
 pub mod element;
 pub mod exact;
@@ -145,6 +147,10 @@ pub struct Info {
     pub determinant_min: f64,
     /// Points of the garment inside the target body.
     pub points_inside: usize,
+    /// Pairs of triangles of garment and skin that meet and did not on the source.
+    pub skin_pairs: usize,
+    /// Farthest that a point was lifted so that its triangles leave the skin [m].
+    pub lift_max_m: f64,
     /// 99th percentile of the outer skin's gap after each outer iteration [m].
     pub skin_gaps_p99_m: Vec<f64>,
     /// Where the target's skin folds and the gap was not closed for it.

@@ -64,7 +64,7 @@ impl Default for Params {
     fn default() -> Self {
         Params {
             cell: 0.02,
-            band: 0.14,
+            band: 0.16,
             fade: 0.10,
             nu: 100.0,
             gamma: 0.01,

@@ -12,6 +12,7 @@ use serde::{Deserialize, Serialize};
 
 use super::align::Motion;
 use super::boundary::is_inside;
+use super::clear::{Cloth, Lift, clear};
 use super::extension::extend;
 use super::field::{Field, InnerInfo};
 use super::folds::{self, Fold};
@@ -189,8 +190,10 @@ pub struct Carried {
     pub converged: bool,
     /// Smallest determinant of the composed map's gradient over its points.
     pub determinant_min: f64,
-    /// Points inside the target body.
+    /// Points inside the target body, before anything is lifted.
     pub points_inside: usize,
+    /// What was lifted out of the skin.
+    pub lift: Lift,
 }
 
 impl Prepared {
@@ -227,7 +230,23 @@ impl Prepared {
             determinant_min: drift.determinant_min(),
             points_inside: drift.points.par_iter().filter(|p| is_inside(target, p)).count(),
             points: drift.points,
+            lift: Lift::default(),
         })
+    }
+
+    /// Carries a garment and lifts it where it cuts the target's skin and did not cut the source's
+    /// ([`clear`]).
+    ///
+    /// # Errors
+    /// As [`Prepared::carry`].
+    pub fn carry_cloth(&self, device: &Device, cloth: &Cloth<'_>) -> Result<Carried, Error> {
+        let mut carried = self.carry(device, cloth.points)?;
+        let source = || {
+            let (points, triangles) = (self.source_skin.clone(), self.skin.triangles.clone());
+            Surface::new(TriMesh { points, triangles })
+        };
+        carried.lift = clear(cloth, &mut carried.points, self.target_surface(), source);
+        Ok(carried)
     }
 
     /// How the outer skin within [`Params::near`] of any point of an outfit (its garments'
@@ -287,6 +306,8 @@ impl Prepared {
             stop: course.stop,
             determinant_min: carried.determinant_min,
             points_inside: carried.points_inside,
+            skin_pairs: carried.lift.pairs,
+            lift_max_m: carried.lift.largest_m,
             skin_gaps_p99_m: course.gaps.clone(),
             folds: near.folds.clone(),
             inner: course.inner.clone(),

@@ -1,7 +1,7 @@
 //! The transfer on bodies whose answer is known.
 
 mod kept;
-mod shapes;
+pub(super) mod shapes;
 mod steps;
 
 use nalgebra::{DMatrix, Matrix3};

@@ -72,7 +72,7 @@ class TransferSettings(CoreModel):
     #: Side of a grid cell [m].
     cell: Number = 0.02
     #: Width of the narrow band outside of the body [m]; at least two cells.
-    band: Number = 0.14
+    band: Number = 0.16
     #: The band's stiffness fades out within this of its outer end [m]; not wider than the band.
     fade: Number = 0.1
     #: Viscosity; its unit is that of `1 / gamma`.

@@ -46,6 +46,10 @@ class TransferReport(_Report):
     cg_iterations: int
     converged: bool
     determinant_min: float = Field(description="smallest local volume ratio where garment vertices lie")
+    skin_pairs: int = Field(
+        description="triangle pairs of garment and skin that meet and did not on the source, before the drape"
+    )
+    lift_max_m: float = Field(description="farthest that cloth was lifted out of the skin [m]")
     folds: list[Fold] = Field(description="where the target's skin folds and the gap was not closed for it")
 
 
