@@ -39,10 +39,14 @@ pub struct Params {
     /// below 1e-8 of that of no displacement: a reference for tests, at several times the cost.
     pub exact: bool,
     /// Outer iterations with the whole band. The next one solves the last of them once more with
-    /// cells `refinement` times smaller in `closing_band`; those after it close what is left there.
+    /// cells `refinement` times smaller in `refined_band`; those after it close what is left in
+    /// `closing_band`.
     pub coarse_iterations: usize,
-    /// Width outside of the body of the band of finer cells [m]; at least two of their size. What
-    /// the coarse ones cannot follow varies from place to place and dies off well within.
+    /// Width outside of the body of the band of finer cells that the first flow is solved with [m];
+    /// at least two of their size. With 3 cm cloth beyond is twice as far from the field of fine cells.
+    pub refined_band: f64,
+    /// Width outside of the body of the band of finer cells that closes [m]; at least two of their
+    /// size. What is left of the gap varies from place to place and dies off well within.
     pub closing_band: f64,
     /// How many times smaller the cells near the skin are; 1 leaves refinement out.
     pub refinement: usize,
@@ -77,6 +81,7 @@ impl Default for Params {
             cg_tolerance: 1e-1,
             exact: false,
             coarse_iterations: 1,
+            refined_band: 0.05,
             closing_band: 0.03,
             refinement: 3,
             outer_iterations: 10,
@@ -124,9 +129,10 @@ impl Params {
             let value = self.fade;
             return Err(Error::Setting { name: "fade", value, expected: "between 0 and the band's width" });
         }
-        if !(self.closing_band >= 2.0 * self.cell / self.refinement as f64 && self.closing_band.is_finite()) {
-            let (name, value) = ("closing_band", self.closing_band);
-            return Err(Error::Setting { name, value, expected: "at least two of the finer cells" });
+        for (name, value) in [("refined_band", self.refined_band), ("closing_band", self.closing_band)] {
+            if !(value >= 2.0 * self.cell / self.refinement as f64 && value.is_finite()) {
+                return Err(Error::Setting { name, value, expected: "at least two of the finer cells" });
+            }
         }
         if self.refinement > 8 {
             let value = self.refinement as f64;

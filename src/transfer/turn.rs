@@ -87,7 +87,7 @@ impl<'a> Turn<'a> {
         coarse: &mut Field,
     ) -> Result<(Field, InnerInfo), Error> {
         let params = self.params;
-        let fine = Overlay::new(&coarse.domain, surface, params.refinement as i32, params.closing_band)?;
+        let fine = Overlay::new(&coarse.domain, surface, params.refinement as i32, params.refined_band)?;
         let boundary = self.boundary(&fine.domain, surface, displacement, &fine.active);
         let mut u = fine.interpolate(coarse);
         let mut problem = Problem::new(self.device, params, &fine.domain, boundary, &fine.rim, &u)?;

@@ -100,10 +100,13 @@ class TransferSettings(CoreModel):
     #: that of no displacement: a reference for tests, at several times the cost.
     exact: bool = False
     #: Outer iterations with the whole band. The next one solves the last of them once more with cells
-    #: `refinement` times smaller in `closing_band`; those after it close what is left there.
+    #: `refinement` times smaller in `refined_band`; those after it close what is left in `closing_band`.
     coarse_iterations: Count = 1
-    #: Width outside of the body of the band of finer cells [m]; at least two of their size. What the coarse
-    #: ones cannot follow varies from place to place and dies off well within.
+    #: Width outside of the body of the band of finer cells that the first flow is solved with [m]; at least
+    #: two of their size. With 3 cm cloth beyond is twice as far from the field of fine cells.
+    refined_band: Number = 0.05
+    #: Width outside of the body of the band of finer cells that closes [m]; at least two of their size. What
+    #: is left of the gap varies from place to place and dies off well within.
     closing_band: Number = 0.03
     #: How many times smaller the cells near the skin are; 1 leaves refinement out.
     refinement: Count = 3
