@@ -11,10 +11,13 @@ use std::time::Instant;
 
 use dressform::device::Device;
 use dressform::drape::{self, Input, Params};
-use dressform::model::{Fabric, Garment, GarmentSource, Panel, TriMesh, Vec2, Vec3};
+use dressform::model::{Fabric, Garment, Vec2, Vec3};
 
-const DISC: f64 = 0.15;
-const PEDESTAL: f64 = 0.09;
+#[path = "shared/disc.rs"]
+mod disc;
+
+use disc::{DISC, PEDESTAL};
+
 /// Waves of the ripples that the falls start from.
 const STARTS: [f64; 3] = [7.0, 9.0, 11.0];
 /// Side of a shadow's cell [m].
@@ -29,73 +32,6 @@ const EXPECTED: [(&str, [f64; 2]); 5] = [
     ("leather", [47.0, 70.0]),
     ("denim", [70.0, 90.0]),
 ];
-
-/// A flat disc of rings about `h` apart, two of them half a spacing to either side of the
-/// pedestal's rim, so that a clamp on all up to the outer one is a clamp at the rim.
-fn disc(h: f64) -> (Vec<Vec2>, Vec<[u32; 3]>) {
-    let outer = ((DISC - PEDESTAL) / h - 0.5).round().max(1.0);
-    let h = (DISC - PEDESTAL) / (outer + 0.5);
-    let inner = (PEDESTAL / h - 0.5).floor();
-    let mut radii: Vec<f64> = (0..=inner as usize).map(|k| PEDESTAL - h * (0.5 + inner - k as f64)).collect();
-    radii.extend((0..=outer as usize).map(|k| PEDESTAL + h * (0.5 + k as f64)));
-    let (mut points, mut triangles) = (vec![Vec2::zeros()], Vec::new());
-    let mut last = (0u32, 1u32); // first point and number of points of the ring before
-    for (ring, &r) in radii.iter().enumerate() {
-        let count = ((std::f64::consts::TAU * r / h).round() as u32).max(6);
-        let first = points.len() as u32;
-        // Every other ring starts half a spacing aside, so that no spoke runs through all.
-        let shift = 0.5 * (ring % 2) as f64;
-        points.extend((0..count).map(|i| {
-            let turn = std::f64::consts::TAU * (f64::from(i) + shift) / f64::from(count);
-            Vec2::new(r * turn.cos(), r * turn.sin())
-        }));
-        stitch(last, (first, count), &points, &mut triangles);
-        last = (first, count);
-    }
-    (points, triangles)
-}
-
-/// Triangles between two rings, given as first point and number of points.
-fn stitch(inside: (u32, u32), outside: (u32, u32), points: &[Vec2], triangles: &mut Vec<[u32; 3]>) {
-    let at = |ring: (u32, u32), i: u32| ring.0 + i % ring.1;
-    let angle = |ring: (u32, u32), i: u32| {
-        let p = points[at(ring, i) as usize];
-        p.y.atan2(p.x).rem_euclid(std::f64::consts::TAU) + std::f64::consts::TAU * f64::from(i / ring.1)
-    };
-    if inside.1 == 1 {
-        triangles.extend((0..outside.1).map(|i| [inside.0, at(outside, i), at(outside, i + 1)]));
-        return;
-    }
-    let (mut i, mut j) = (0, 0);
-    while i < inside.1 || j < outside.1 {
-        let onward = j < outside.1 && (i >= inside.1 || angle(outside, j + 1) <= angle(inside, i + 1));
-        if onward {
-            triangles.push([at(inside, i), at(outside, j), at(outside, j + 1)]);
-            j += 1;
-        } else {
-            triangles.push([at(inside, i), at(outside, j), at(inside, i + 1)]);
-            i += 1;
-        }
-    }
-}
-
-fn garment(fabric: &Fabric, h: f64, waves: f64) -> Garment {
-    let (pattern, triangles) = disc(h);
-    // A ripple of a tenth of a millimetre, for folds to start from.
-    let place = |p: &Vec2| {
-        let out = (p.norm() - PEDESTAL).max(0.0) / (DISC - PEDESTAL);
-        Vec3::new(p.x, 1e-4 * out * (waves * p.y.atan2(p.x) + 40.0 * p.x).sin(), -p.y)
-    };
-    let source = GarmentSource {
-        name: fabric.name.clone(),
-        mesh: TriMesh { points: pattern.iter().map(place).collect(), triangles: triangles.clone() },
-        corner_pattern: triangles.iter().map(|t| t.map(|v| pattern[v as usize])).collect(),
-        panel_of_triangle: vec![0; triangles.len()],
-        panels: vec![Panel { fabric: fabric.clone(), ..Panel::default() }],
-        ..GarmentSource::default()
-    };
-    Garment::from_source(source).expect("a disc is a garment")
-}
 
 /// Area that the cloth covers, seen from above [m^2].
 fn shadow(points: &[Vec3], triangles: &[[u32; 3]]) -> f64 {
@@ -149,10 +85,8 @@ struct Fall {
 
 /// Drapes a disc of elements of about `h` [m] from a ripple of so many waves.
 fn fall(fabric: &Fabric, h: f64, waves: f64) -> Fall {
-    let garment = garment(fabric, h, waves);
-    let held: Vec<u32> = (0..garment.points.len() as u32)
-        .filter(|&v| garment.pattern[v as usize].norm() < PEDESTAL + 0.6 * h)
-        .collect();
+    let garment = disc::garment(fabric, h, waves);
+    let held = disc::clamped(&garment, h);
     let params = Params {
         frames: 0,
         settle: true,

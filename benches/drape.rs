@@ -18,6 +18,11 @@ use dressform::geometry::Surface;
 use dressform::model::{Garment, GarmentSource, TriMesh, Vec2, Vec3};
 use serde::Deserialize;
 
+#[path = "shared/clock.rs"]
+mod clock;
+
+use clock::cpu_seconds;
+
 /// Vertices closer than this to their place at the end have arrived [m].
 const ARRIVED: f64 = 1e-3;
 
@@ -38,15 +43,6 @@ struct Case {
     colliders: Vec<TriMesh>,
     #[serde(default)]
     layers: Vec<TriMesh>,
-}
-
-/// CPU seconds of this process so far, all threads (Linux).
-fn cpu_seconds() -> f64 {
-    let stat = fs::read_to_string("/proc/self/stat").unwrap_or_default();
-    let fields: Vec<f64> =
-        stat.rsplit(')').next().unwrap_or("").split_whitespace().filter_map(|f| f.parse().ok()).collect();
-    // After the command's name: the state is no number, so utime and stime come 11th and 12th.
-    if fields.len() > 12 { (fields[10] + fields[11]) / 100.0 } else { 0.0 }
 }
 
 /// The 99th percentile of the vertices' distances [m].

@@ -25,7 +25,8 @@
 
 pub mod cloth;
 pub mod contact;
-mod curvature;
+#[doc(hidden)] // for benches/minimisers.rs
+pub mod curvature;
 pub mod elastic;
 mod factored;
 pub mod follow;
