@@ -3,7 +3,7 @@
 //! With `x_np(w) = sum_k w_k G_kp x_n` the place of node `n` in pose `p`, the weights of all nodes minimise
 //!
 //! `1/P sum_p [ sum_edges (|x_ap - x_bp| - l)^2 + sum_contacts A / d^2 min(0, n . x - h)^2 ]`
-//! `+ sum_n A_n / s^2 (w - w0)^T H (w - w0)`, `w >= 0`, `sum w = 1`:
+//! `+ sum_n A_n / s^2 (w_n - w0_n)^T H (w_n - w0_n) + sum_edges e |w_a - w_b|^2`, `w >= 0`, `sum w = 1`:
 //!
 //! cloth that is stretched little, stays out of the body, and follows the skin that it was matched to,
 //! with the metric `H` of [`crate::rig::influences`], which knows no poses. Areas `A` make that a matter of
@@ -26,6 +26,9 @@ use crate::rig::{influences, smooth};
 /// `s`: being displaced by this much, when every joint in turn is turned, weighs as much as being stretched
 /// to twice the length [m]. Half as much leaves more in the body, in other poses too.
 const STAY: f64 = 0.05;
+/// `e`: a sum of squared differences of weights along an edge of 1 weighs as much as this [m^2]. Without it joints
+/// that move alike in the poses take turns from node to node.
+const EVEN: f64 = 1e-4;
 /// Rounds of averaging that say which joints a node may have.
 const AROUND: usize = 3;
 /// An averaged weight below this is no reason to consider a joint.
@@ -70,12 +73,9 @@ impl Weights {
         weights
     }
 
-    /// Joints and weights of every node, the largest first.
+    /// Joints and weights of every node, the largest first, without those that move nothing.
     pub fn rows(&self) -> Vec<Sparse> {
-        let row = |node: &Node| {
-            let own = node.joints.iter().copied().zip(node.weights.iter().copied());
-            influences::sorted(own.filter(|w| w.1 > 0.0).collect())
-        };
+        let row = |node: &Node| influences::sorted(influences::significant(&node.joints, &node.weights));
         self.nodes.iter().map(row).collect()
     }
 
@@ -137,13 +137,14 @@ impl Weights {
     /// The best weights of one node.
     fn step(&mut self, cloth: &Cloth, n: usize, contacts: &[&Contact], depth: f64) {
         let count = self.nodes[n].joints.len();
-        let wanted = self.wanted(cloth, n);
+        let (around, wanted) = (cloth.around(n), self.wanted(cloth, n));
         let node = &self.nodes[n];
         let mut form = node.form.clone();
         let share = 1.0 / self.poses as f64;
         let linear = |k: usize| {
             let along: f64 = node.alone(k, self.poses).iter().zip(&wanted).map(|(a, b)| a.dot(b)).sum();
-            node.pull[k] + share * along
+            let others: f64 = around.iter().map(|e| self.nodes[e.node as usize].weight(node.joints[k])).sum();
+            node.pull[k] + share * along + EVEN * others
         };
         let mut pull: Vec<f64> = (0..count).map(linear).collect();
         for contact in contacts {
@@ -218,6 +219,7 @@ impl Node {
                 pull[a] += metric[(a, b)] * weights[b];
             }
         }
+        (0..count).for_each(|k| form[k * count + k] += EVEN * cloth.around(n).len() as f64);
         Node { joints, weights, alone, form, pull }
     }
 
