@@ -21,8 +21,6 @@ mod descent;
 mod disc;
 #[path = "minimisers/linear.rs"]
 mod linear;
-#[path = "minimisers/multilevel.rs"]
-mod multilevel;
 #[path = "minimisers/newton.rs"]
 mod newton;
 #[path = "minimisers/problem.rs"]

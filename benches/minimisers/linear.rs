@@ -1,8 +1,7 @@
-//! Conjugate gradients on the host, in `f64`, and block-Jacobi.
+//! Conjugate gradients on the host, in `f64`.
 
 use dressform::model::Vec3;
 use dressform::solve::block_cholesky::{Block, BlockPattern};
-use nalgebra::Matrix3;
 
 /// Residual in the preconditioner's norm at which a solve ends, over that at its start; the drape's.
 const TOLERANCE: f64 = 0.1;
@@ -11,23 +10,6 @@ const MOST: usize = 2000;
 
 pub fn dot(a: &[Vec3], b: &[Vec3]) -> f64 {
     a.iter().zip(b).map(|(a, b)| a.dot(b)).sum()
-}
-
-/// The inverse of a matrix' diagonal blocks.
-pub struct BlockJacobi(pub Vec<Matrix3<f64>>);
-
-impl BlockJacobi {
-    pub fn new(pattern: &BlockPattern, blocks: &[Block]) -> BlockJacobi {
-        let inverse = |row: u32| {
-            let at = pattern.slot(row, row).expect("a diagonal");
-            Matrix3::from_row_slice(&blocks[at]).try_inverse().expect("positive definite")
-        };
-        BlockJacobi((0..pattern.rows() as u32).map(inverse).collect())
-    }
-
-    pub fn apply(&self, r: &[Vec3]) -> Vec<Vec3> {
-        self.0.iter().zip(r).map(|(block, r)| block * r).collect()
-    }
 }
 
 /// Solves `A x = right` from zero; also the iterations. Where `A` is found indefinite the solve ends

@@ -5,10 +5,10 @@ use dressform::drape::curvature::Curvature;
 use dressform::drape::elastic::Elastic;
 use dressform::model::Vec3;
 use dressform::solve::block_cholesky::{Block, BlockFactor, BlockPattern};
+use dressform::solve::two_level::{BlockJacobi, TwoLevel};
 use nalgebra::Matrix3;
 
-use crate::linear::{BlockJacobi, conjugate_gradients, dot};
-use crate::multilevel::TwoLevel;
+use crate::linear::{conjugate_gradients, dot};
 use crate::problem::{Here, Problem, Step};
 use crate::settling::{Minimiser, Until, Watch};
 
@@ -123,11 +123,11 @@ impl Newton {
                 (pattern.solve(factor, &right), 1)
             }
             Solver::BlockJacobi => {
-                let inverse = BlockJacobi::new(pattern, &blocks);
+                let inverse = BlockJacobi::new(pattern, &blocks).expect("positive definite");
                 conjugate_gradients(pattern, &blocks, &mut |r| inverse.apply(r), &right)
             }
             Solver::TwoLevel { levels, truly } => {
-                levels.set(pattern, &blocks, x);
+                levels.set(pattern, &blocks, x).expect("positive definite");
                 let matrix = if *truly { &whole } else { &blocks };
                 conjugate_gradients(pattern, matrix, &mut |r| levels.apply(r), &right)
             }

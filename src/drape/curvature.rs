@@ -92,6 +92,15 @@ impl Curvature {
         done
     }
 
+    /// Puts all of it into `blocks`, which need not stay positive definite.
+    pub fn put_back_all(&self, blocks: &mut [Block], elastic: &Elastic, vertices: &[Vec3]) {
+        let mut places = self.places.iter();
+        elastic.soften(vertices, &mut |b| {
+            let Some(&at) = places.next() else { return };
+            (0..9).for_each(|k| blocks[at as usize][k] += b[(k / 3, k % 3)]);
+        });
+    }
+
     /// All elements' blocks, and which of them no resting node has.
     fn left_out(&mut self, elastic: &Elastic, vertices: &[Vec3]) -> Blocks {
         let mut values = Vec::with_capacity(self.places.len());

@@ -158,9 +158,10 @@ impl Simulation<'_> {
         let stencils = [&here.contacts.stencils[..], &here.held[..], &problem.friction[..]].concat();
         let cg = CgParams { tolerance: self.params.cg_tolerance, max_iterations: self.params.max_cg };
         let (gradient, weights) = history.before(here.gradient.clone());
+        let nodes: Vec<Vec3> = problem.start.iter().zip(&here.moved).map(|(s, m)| s + m).collect();
         let (direction, solved) = self.system.direction(
             self.device,
-            (&self.elastic, &here.vertices),
+            (&self.elastic, &nodes, &here.vertices),
             &stencils,
             &here.moved,
             problem.inertia,

@@ -64,7 +64,7 @@ impl System {
         })
     }
 
-    /// The Newton direction `-H^-1 gradient` [m] where the vertices are and `elastic` is linearised;
+    /// The Newton direction `-H^-1 gradient` [m] where nodes and vertices are and `elastic` is linearised;
     /// `inertia` is 1/h^2 [1/s^2], `moved` the displacements since the start of the step [m].
     ///
     /// # Errors
@@ -73,7 +73,7 @@ impl System {
     pub fn direction(
         &mut self,
         device: &Device,
-        (elastic, vertices): (&Elastic, &[Vec3]),
+        (elastic, nodes, vertices): (&Elastic, &[Vec3], &[Vec3]),
         list: &[Stencil],
         moved: &[Vec3],
         inertia: f64,
@@ -102,7 +102,7 @@ impl System {
         let weights: Vec<f64> = self.masses.iter().map(|m| m * inertia).collect();
         let found = self.factored.direction(
             device,
-            (elastic, vertices),
+            (elastic, nodes, vertices),
             (list, &second),
             &weights,
             gradient,

@@ -7,11 +7,10 @@
 //! them smooth, `P = (I - w D^-1 A) P0`. A cycle is a forward sweep of block Gauss-Seidel, the
 //! coarse matrix `P^T A P` solved by its Cholesky factor, and a backward sweep.
 
-use dressform::model::Vec3;
-use dressform::solve::block_cholesky::{Block, BlockFactor, BlockPattern};
 use nalgebra::{Matrix3, Matrix6, SMatrix};
 
-use crate::linear::BlockJacobi;
+use super::block_cholesky::{Block, BlockFactor, BlockPattern, Indefinite};
+use crate::model::Vec3;
 
 /// A node's rows of the prolongation for one patch.
 type Arm = SMatrix<f64, 3, 6>;
@@ -25,7 +24,7 @@ const POWER_ITERATIONS: usize = 3;
 const TURN: f64 = 1e-8;
 
 /// Rows of blocks.
-#[derive(Clone, Default)]
+#[derive(Clone, Debug, Default)]
 struct Rows<T> {
     start: Vec<usize>,
     columns: Vec<u32>,
@@ -39,7 +38,31 @@ impl<T> Rows<T> {
     }
 }
 
+/// The inverse of a matrix' diagonal blocks.
+#[derive(Debug)]
+pub struct BlockJacobi(Vec<Matrix3<f64>>);
+
+impl BlockJacobi {
+    /// Of the matrix with these blocks.
+    ///
+    /// # Errors
+    /// [`Indefinite`]: a diagonal block is singular.
+    pub fn new(pattern: &BlockPattern, blocks: &[Block]) -> Result<BlockJacobi, Indefinite> {
+        let inverse = |row: u32| {
+            let at = pattern.slot(row, row).ok_or(Indefinite { row })?;
+            Matrix3::from_row_slice(&blocks[at]).try_inverse().ok_or(Indefinite { row })
+        };
+        Ok(BlockJacobi((0..pattern.rows() as u32).map(inverse).collect::<Result<_, _>>()?))
+    }
+
+    /// These inverses times `r`.
+    pub fn apply(&self, r: &[Vec3]) -> Vec<Vec3> {
+        self.0.iter().zip(r).map(|(block, r)| block * r).collect()
+    }
+}
+
 /// The two levels of a matrix.
+#[derive(Debug)]
 pub struct TwoLevel {
     patch: Vec<u32>,
     patches: usize,
@@ -69,7 +92,8 @@ fn patches(pattern: &BlockPattern, held: &[bool]) -> (Vec<u32>, usize) {
     }
     let first = patch.clone();
     for i in (0..held.len()).filter(|&i| !held[i] && first[i] == NONE) {
-        patch[i] = neighbours(i).map(|j| first[j]).find(|&p| p != NONE).expect("else it had made its own");
+        // It has one, or it had made its own.
+        patch[i] = neighbours(i).map(|j| first[j]).find(|&p| p != NONE).unwrap_or(NONE);
     }
     (patch, count as usize)
 }
@@ -94,12 +118,15 @@ impl TwoLevel {
     }
 
     /// Takes a matrix, its nodes at `x` [m].
-    pub fn set(&mut self, pattern: &BlockPattern, blocks: &[Block], x: &[Vec3]) {
+    ///
+    /// # Errors
+    /// [`Indefinite`]: it is not positive definite; what was set is undefined then.
+    pub fn set(&mut self, pattern: &BlockPattern, blocks: &[Block], x: &[Vec3]) -> Result<(), Indefinite> {
         self.matrix.values = blocks.iter().map(|b| Matrix3::from_row_slice(b)).collect();
-        self.inverse = BlockJacobi::new(pattern, blocks);
+        self.inverse = BlockJacobi::new(pattern, blocks)?;
         let damping = 4.0 / (3.0 * self.spectral_radius());
         self.prolongation = self.smoothed(&self.tentative(x), damping);
-        self.factor_coarse();
+        self.factor_coarse()
     }
 
     /// Of `D^-1 A`, by power iteration.
@@ -150,11 +177,14 @@ impl TwoLevel {
     }
 
     /// Factors `P^T A P`.
-    fn factor_coarse(&mut self) {
+    fn factor_coarse(&mut self) -> Result<(), Indefinite> {
         let coarse = self.galerkin();
         let (starts, columns, blocks) = halves(&coarse);
-        let pattern = self.coarse.get_or_insert_with(|| BlockPattern::new(&starts, &columns).expect("fits"));
-        pattern.factor(&blocks, &mut self.factor).expect("positive definite");
+        if self.coarse.is_none() {
+            self.coarse = BlockPattern::new(&starts, &columns).ok();
+        }
+        let pattern = self.coarse.as_ref().ok_or(Indefinite { row: 0 })?;
+        pattern.factor(&blocks, &mut self.factor)
     }
 
     fn galerkin(&self) -> Rows<Matrix6<f64>> {
@@ -208,7 +238,7 @@ impl TwoLevel {
                 coarse[2 * patch + 1] += forces.fixed_rows::<3>(3);
             }
         }
-        let pattern = self.coarse.as_ref().expect("a matrix was set");
+        let Some(pattern) = &self.coarse else { return };
         let moves = pattern.solve(&mut self.factor, &coarse);
         for (i, x) in x.iter_mut().enumerate() {
             for (patch, p) in self.prolongation.row(i) {
@@ -283,5 +313,98 @@ impl<const N: usize> Row<SMatrix<f64, N, 6>> {
         rows.start.push(rows.columns.len());
         self.columns.clear();
         self.values.clear();
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A square of `side` nodes to an edge, stiff in its plane and limp out of it, with a little mass.
+    fn sheet(side: u32) -> (BlockPattern, Vec<Block>, Vec<Vec3>) {
+        let at = |i: u32, j: u32| i * side + j;
+        let near = |i: u32, j: u32| {
+            let range = |k: u32| k.saturating_sub(1)..(k + 2).min(side);
+            range(i).flat_map(move |a| range(j).map(move |b| (a, b)))
+        };
+        let (mut starts, mut columns) = (vec![0u32], Vec::new());
+        for i in 0..side {
+            for j in 0..side {
+                columns.extend(near(i, j).map(|(a, b)| at(a, b)));
+                starts.push(columns.len() as u32);
+            }
+        }
+        let pattern = BlockPattern::new(&starts, &columns).unwrap();
+        let mut blocks = vec![[0.0; 9]; columns.len()];
+        let mut add = |a: u32, b: u32, m: &Matrix3<f64>| {
+            let block = &mut blocks[pattern.slot(a, b).unwrap()];
+            (0..9).for_each(|k| block[k] += m[(k / 3, k % 3)]);
+        };
+        for i in 0..side {
+            for j in 0..side {
+                let a = at(i, j);
+                add(a, a, &(Matrix3::identity() * 1e-3));
+                for (k, l) in near(i, j).filter(|&(k, l)| at(k, l) > a) {
+                    let along =
+                        Vec3::new(f64::from(k) - f64::from(i), f64::from(l) - f64::from(j), 0.0).normalize();
+                    let spring = along * along.transpose() + Matrix3::from_diagonal(&Vec3::z()) * 0.01;
+                    let b = at(k, l);
+                    for (r, c, sign) in [(a, a, 1.0), (b, b, 1.0), (a, b, -1.0), (b, a, -1.0)] {
+                        add(r, c, &(spring * sign));
+                    }
+                }
+            }
+        }
+        let places = (0..side * side).map(|n| Vec3::new(f64::from(n / side), f64::from(n % side), 0.0));
+        let places = places.collect();
+        (pattern, blocks, places)
+    }
+
+    /// Iterations of conjugate gradients to a millionth of the residual.
+    fn iterations(side: u32) -> usize {
+        let (pattern, blocks, places) = sheet(side);
+        let mut levels = TwoLevel::new(&pattern, &vec![false; places.len()]);
+        levels.set(&pattern, &blocks, &places).unwrap();
+        let dot = |a: &[Vec3], b: &[Vec3]| a.iter().zip(b).map(|(a, b)| a.dot(b)).sum::<f64>();
+        let uneven =
+            |i: usize| Vec3::new((7 * i) as f64, (5 * i + 1) as f64, (3 * i + 2) as f64).map(f64::sin);
+        let mut r: Vec<Vec3> = (0..places.len()).map(uneven).collect();
+        let other: Vec<Vec3> = (0..places.len()).map(|i| uneven(i * i + 11)).collect();
+        let (one, two) = (dot(&other, &levels.apply(&r)), dot(&r, &levels.apply(&other)));
+        assert!((one - two).abs() < 1e-9 * one.abs().max(1.0), "not symmetric: {one} {two}");
+        let first = norm(&r);
+        let mut z = levels.apply(&r);
+        let mut p = z.clone();
+        let mut rz = dot(&r, &z);
+        for turn in 1..200 {
+            let mut q = vec![Vec3::zeros(); r.len()];
+            pattern.add_product(&blocks, &p, &mut q);
+            let alpha = rz / dot(&p, &q);
+            assert!(alpha > 0.0, "{alpha}");
+            r.iter_mut().zip(&q).for_each(|(r, q)| *r -= q * alpha);
+            if norm(&r) < 1e-6 * first {
+                return turn;
+            }
+            z = levels.apply(&r);
+            let next = dot(&r, &z);
+            p.iter_mut().zip(&z).for_each(|(p, z)| *p = z + *p * (next / rz));
+            rz = next;
+        }
+        panic!("not solved")
+    }
+
+    #[test]
+    fn iterations_hardly_grow_with_the_nodes() {
+        let (few, many) = (iterations(16), iterations(48));
+        assert!(few < 40 && many as f64 <= 1.5 * few as f64, "{few} {many}");
+    }
+
+    #[test]
+    fn an_indefinite_matrix_is_told() {
+        let (pattern, mut blocks, places) = sheet(8);
+        let at = pattern.slot(20, 20).unwrap();
+        blocks[at] = [-50.0, 0.0, 0.0, 0.0, -50.0, 0.0, 0.0, 0.0, -50.0];
+        let mut levels = TwoLevel::new(&pattern, &vec![false; places.len()]);
+        assert!(levels.set(&pattern, &blocks, &places).is_err());
     }
 }
