@@ -23,14 +23,13 @@ import numpy as np
 from dressform.usd.character import read_character
 from dressform.usd.garment import read_outfit
 
-#: Name to settings: the whole fit; the transfer alone, also with the cells of a film's budget.
+#: A drape that does nothing.
+STILL = {"frames": 0, "push_steps": 0, "settle": False}
+#: Name to settings: the whole fit; the transfer alone, also with fine cells.
 ROWS: dict[str, dict[str, Any]] = {
     "as it is": {},
-    "transfer alone, cells of 2 cm": {"drape": {"frames": 0, "push_steps": 0, "settle": False}},
-    "transfer alone, cells of 1 cm": {
-        "transfer": {"cell": 0.01},
-        "drape": {"frames": 0, "push_steps": 0, "settle": False},
-    },
+    "transfer alone, cells of 2 cm": {"drape": STILL},
+    "transfer alone, cells of 1 cm": {"transfer": {"cell": 0.01}, "drape": STILL},
 }
 
 

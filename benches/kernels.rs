@@ -15,7 +15,7 @@ use common::{Random, stencil};
 use dressform::device::{Device, DeviceChoice};
 use dressform::geometry::Surface;
 use dressform::geometry::bulk::SurfaceOnDevice;
-use dressform::model::{TriMesh, Vec3};
+use dressform::model::Vec3;
 use dressform::solve::bsr::{BlockDiagonal, Bsr};
 use dressform::solve::cg::{Cg, CgParams, Operator};
 use dressform::solve::vector::Dot;
@@ -26,6 +26,8 @@ const BATCH: usize = 1000;
 const SIDES: [usize; 2] = [14, 37];
 /// Iterations of conjugate gradients that are timed together.
 const TURNS: usize = 200;
+/// Rings of the ball that is asked, of 27,000 triangles.
+const RINGS: usize = 82;
 /// Points that are asked for.
 const QUERIES: usize = 200_000;
 
@@ -38,29 +40,6 @@ fn seconds(mut run: impl FnMut()) -> f64 {
         start.elapsed().as_secs_f64()
     };
     (0..5).map(|_| once()).fold(f64::INFINITY, f64::min)
-}
-
-/// A knobbly ball of 27,000 triangles.
-fn ball() -> TriMesh {
-    let (rings, sectors) = (82usize, 164usize);
-    let point = |i: usize, j: usize| {
-        let (polar, turn) = (
-            std::f64::consts::PI * i as f64 / rings as f64,
-            std::f64::consts::TAU * j as f64 / sectors as f64,
-        );
-        let radius = 0.4 + 0.05 * (5.0 * turn).sin() * (7.0 * polar).sin();
-        Vec3::new(polar.sin() * turn.sin(), polar.cos(), polar.sin() * turn.cos()) * radius
-    };
-    let at = |i: usize, j: usize| (i * sectors + j % sectors) as u32;
-    TriMesh {
-        points: (0..=rings).flat_map(|i| (0..sectors).map(move |j| point(i, j))).collect(),
-        triangles: (0..rings)
-            .flat_map(|i| (0..sectors).map(move |j| (i, j)))
-            .flat_map(|(i, j)| {
-                [[at(i, j), at(i + 1, j), at(i + 1, j + 1)], [at(i, j), at(i + 1, j + 1), at(i, j + 1)]]
-            })
-            .collect(),
-    }
 }
 
 fn row(device: &str, what: &str, seconds: f64, unit: &str) {
@@ -105,11 +84,12 @@ fn conjugate_gradients(device: &Device, name: &str, side: usize) {
 }
 
 fn queries(device: &Device, name: &str) {
-    let surface = Surface::new(ball());
+    let surface = Surface::new(common::ball(RINGS, false));
     let on_device = SurfaceOnDevice::new(device, &surface).expect("upload");
     let mut random = Random::new(11);
-    let points: Vec<Vec3> =
-        (0..QUERIES).map(|_| Vec3::from_fn(|_, _| 0.6 * f64::from(random.signed()))).collect();
+    let points: Vec<Vec3> = (0..QUERIES)
+        .map(|_| Vec3::from(common::BALL) + Vec3::from_fn(|_, _| 0.6 * f64::from(random.signed())))
+        .collect();
     let numbers = seconds(|| drop(on_device.winding_numbers(device, &points).expect("winding numbers")));
     row(name, &format!("{QUERIES} winding numbers"), numbers * 1e3, "ms");
     let closest = seconds(|| drop(on_device.closest(device, &points).expect("closest points")));

@@ -19,8 +19,6 @@ mod clock;
 mod descent;
 #[path = "shared/disc.rs"]
 mod disc;
-#[path = "minimisers/linear.rs"]
-mod linear;
 #[path = "minimisers/newton.rs"]
 mod newton;
 #[path = "minimisers/problem.rs"]

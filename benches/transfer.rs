@@ -8,6 +8,8 @@
 //! Each part prints a table in Markdown. Seconds are CPU seconds of this process: run with
 //! `RAYON_NUM_THREADS=1` to compare.
 
+#[path = "shared/clock.rs"]
+mod clock;
 #[path = "transfer/input.rs"]
 mod input;
 #[path = "transfer/multigrid.rs"]

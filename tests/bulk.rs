@@ -7,31 +7,6 @@ use dressform::geometry::Surface;
 use dressform::geometry::bulk::SurfaceOnDevice;
 use dressform::model::{TriMesh, Vec3};
 
-/// A knobbly ball about a point far from the origin, `rings` by `2 rings`; `open` leaves a
-/// cap off.
-fn ball(rings: usize, open: bool) -> TriMesh {
-    let sectors = 2 * rings;
-    let mut points = Vec::new();
-    for i in 0..=rings {
-        let polar = std::f64::consts::PI * (i as f64 / rings as f64);
-        for j in 0..sectors {
-            let turn = std::f64::consts::TAU * j as f64 / sectors as f64;
-            let radius = 0.4 + 0.05 * (5.0 * turn).sin() * (7.0 * polar).sin();
-            let direction = Vec3::new(polar.sin() * turn.sin(), polar.cos(), polar.sin() * turn.cos());
-            points.push(Vec3::new(0.3, 1.2, -0.4) + direction * radius);
-        }
-    }
-    let at = |i: usize, j: usize| (i * sectors + j % sectors) as u32;
-    let rows = if open { rings * 3 / 4 } else { rings };
-    let triangles = (0..rows)
-        .flat_map(|i| (0..sectors).map(move |j| (i, j)))
-        .flat_map(|(i, j)| {
-            [[at(i, j), at(i + 1, j), at(i + 1, j + 1)], [at(i, j), at(i + 1, j + 1), at(i, j + 1)]]
-        })
-        .collect();
-    TriMesh { points, triangles }
-}
-
 /// Points all around, every other one within millimetres of the surface.
 fn queries(surface: &Surface, n: usize) -> Vec<Vec3> {
     let mut random = common::Random::new(11);
@@ -78,14 +53,14 @@ fn check(device: &Device, surface: &Surface, n: usize) {
 fn bulk_queries_agree_with_single_ones() {
     for device in common::devices("bulk_queries_agree_with_single_ones") {
         for open in [false, true] {
-            check(&device, &Surface::new(ball(24, open)), 2000);
+            check(&device, &Surface::new(common::ball(24, open)), 2000);
         }
     }
 }
 
 #[test]
 fn walks_longer_than_a_run_are_continued() {
-    let surface = Surface::new(ball(16, true));
+    let surface = Surface::new(common::ball(16, true));
     let points = queries(&surface, 300);
     for device in common::devices("walks_longer_than_a_run_are_continued") {
         let whole = SurfaceOnDevice::new(&device, &surface).expect("upload");
@@ -99,7 +74,7 @@ fn walks_longer_than_a_run_are_continued() {
 
 #[test]
 fn nothing_is_asked_and_nothing_is_there() {
-    let (empty, one) = (Surface::new(TriMesh::default()), Surface::new(ball(3, false)));
+    let (empty, one) = (Surface::new(TriMesh::default()), Surface::new(common::ball(3, false)));
     for device in common::devices("nothing_is_asked_and_nothing_is_there") {
         let nothing = SurfaceOnDevice::new(&device, &empty).expect("upload");
         let points = [Vec3::zeros(), Vec3::x()];

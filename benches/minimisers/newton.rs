@@ -5,10 +5,11 @@ use dressform::drape::curvature::Curvature;
 use dressform::drape::elastic::Elastic;
 use dressform::model::Vec3;
 use dressform::solve::block_cholesky::{Block, BlockFactor, BlockPattern};
+use dressform::solve::cg::CgParams;
+use dressform::solve::host_cg::{self, dot};
 use dressform::solve::two_level::{BlockJacobi, TwoLevel};
 use nalgebra::Matrix3;
 
-use crate::linear::{conjugate_gradients, dot};
 use crate::problem::{Here, Problem, Step};
 use crate::settling::{Minimiser, Until, Watch};
 
@@ -22,13 +23,15 @@ const STEADY: f64 = 0.75;
 const FARTHEST: f64 = 16.0;
 /// Energies closer than this share of themselves are equal up to rounding.
 const ROUNDING: f64 = 1e-14;
+/// The drape's tolerance of a linear solve, and most iterations.
+const LINEAR: CgParams = CgParams { tolerance: 0.1, max_iterations: 2000 };
 /// Stiffness that holds a held node in the matrix [N/m].
 const HOLD: f64 = 1e8;
 
 /// Where a Newton direction comes from.
 pub enum Solver {
     /// A Cholesky factor of the true Hessian, projected around where that is not positive definite.
-    Factor(Curvature, BlockFactor),
+    Factor(BlockFactor),
     /// Conjugate gradients with the projected Hessian's diagonal blocks.
     BlockJacobi,
     /// Conjugate gradients with two levels of the projected Hessian; of the true one if `truly`.
@@ -40,8 +43,7 @@ pub struct Newton {
     elastic: Elastic,
     still: Buffer<f32>,
     pattern: BlockPattern,
-    /// Where the blocks that the projected matrix leaves out have their place.
-    left_out: Vec<usize>,
+    curvature: Curvature,
     solver: Solver,
 }
 
@@ -49,8 +51,7 @@ impl Newton {
     /// With a direction from [`Solver::Factor`].
     pub fn factored(problem: &Problem) -> Newton {
         let mut newton = Newton::block_jacobi(problem);
-        let curvature = Curvature::new(&newton.pattern, &newton.elastic).expect("has room");
-        newton.solver = Solver::Factor(curvature, BlockFactor::default());
+        newton.solver = Solver::Factor(BlockFactor::default());
         newton
     }
 
@@ -69,10 +70,9 @@ impl Newton {
         let hessian = elastic.hessian();
         let read = |buffer: &Buffer<u32>| device.read(buffer).expect("reads");
         let pattern = BlockPattern::new(&read(&hessian.row_start), &read(&hessian.columns)).expect("fits");
-        let left_out =
-            elastic.softened().map(|[row, column]| pattern.slot(row, column).expect("coupled")).collect();
+        let curvature = Curvature::new(&pattern, &elastic).expect("has room");
         let still = device.zeros("displacement", 3 * problem.cloth.node_count).expect("fits");
-        Newton { still, elastic, pattern, left_out, solver: Solver::BlockJacobi, device }
+        Newton { still, elastic, pattern, curvature, solver: Solver::BlockJacobi, device }
     }
 
     /// The projected Hessian of a step's objective at `x`.
@@ -84,7 +84,7 @@ impl Newton {
         let hold = |i: usize| if problem.held[i] { HOLD } else { 0.0 };
         let masses = problem.cloth.masses.iter().enumerate();
         let diagonal: Vec<f64> = masses.map(|(i, m)| m * step.inertia + hold(i)).collect();
-        add_diagonal(&self.pattern, &mut blocks, &diagonal);
+        self.pattern.add_to_diagonal(&mut blocks, &diagonal, 1.0);
         blocks
     }
 
@@ -95,41 +95,28 @@ impl Newton {
         (0..x.len() as u32).map(|i| Matrix3::from_row_slice(&blocks[slot(i)])).collect()
     }
 
-    /// The true Hessian from the projected one.
-    fn whole(&self, blocks: &[Block], x: &[Vec3]) -> Vec<Block> {
-        let mut whole = blocks.to_vec();
-        let mut places = self.left_out.iter();
-        self.elastic.soften(x, &mut |b| {
-            let block = &mut whole[*places.next().expect("a place for every block")];
-            (0..9).for_each(|k| block[k] += b[(k / 3, k % 3)]);
-        });
-        whole
-    }
-
     /// The direction `-H^-1 gradient` [m] and the linear solver's iterations.
     fn direction(&mut self, problem: &Problem, step: &Step, x: &[Vec3], here: &Here) -> (Vec<Vec3>, usize) {
         let mut blocks = self.projected(problem, step, x);
-        let whole = match self.solver {
-            Solver::TwoLevel { truly: true, .. } => self.whole(&blocks, x),
-            _ => Vec::new(),
-        };
         let pattern = &self.pattern;
         let right: Vec<Vec3> = here.gradient.iter().map(|g| -g).collect();
         let (mut direction, iterations) = match &mut self.solver {
-            Solver::Factor(curvature, factor) => {
-                if !curvature.put_back(pattern, &mut blocks, &self.elastic, x, factor) {
+            Solver::Factor(factor) => {
+                if !self.curvature.put_back(pattern, &mut blocks, &self.elastic, x, factor) {
                     factor_shifted(pattern, &mut blocks, &problem.cloth.masses, step.inertia, factor);
                 }
                 (pattern.solve(factor, &right), 1)
             }
             Solver::BlockJacobi => {
                 let inverse = BlockJacobi::new(pattern, &blocks).expect("positive definite");
-                conjugate_gradients(pattern, &blocks, &mut |r| inverse.apply(r), &right)
+                solve(pattern, &blocks, &mut |r| inverse.apply(r), &right)
             }
             Solver::TwoLevel { levels, truly } => {
                 levels.set(pattern, &blocks, x).expect("positive definite");
-                let matrix = if *truly { &whole } else { &blocks };
-                conjugate_gradients(pattern, matrix, &mut |r| levels.apply(r), &right)
+                if *truly {
+                    self.curvature.put_back_all(&mut blocks, &self.elastic, x);
+                }
+                solve(pattern, &blocks, &mut |r| levels.apply(r), &right)
             }
         };
         direction.iter_mut().zip(&problem.held).filter(|(_, held)| **held).for_each(|(d, _)| d.fill(0.0));
@@ -137,11 +124,20 @@ impl Newton {
     }
 }
 
-fn add_diagonal(pattern: &BlockPattern, blocks: &mut [Block], values: &[f64]) {
-    for (node, value) in (0..).zip(values) {
-        let at = pattern.slot(node, node).expect("cloth couples a node to itself");
-        [0, 4, 8].iter().for_each(|&k| blocks[at][k] += value);
-    }
+/// The solution and the iterations.
+fn solve(
+    pattern: &BlockPattern,
+    blocks: &[Block],
+    precondition: &mut dyn FnMut(&[Vec3]) -> Vec<Vec3>,
+    right: &[Vec3],
+) -> (Vec<Vec3>, usize) {
+    let apply = |x: &[Vec3]| {
+        let mut y = vec![Vec3::zeros(); x.len()];
+        pattern.add_product(blocks, x, &mut y);
+        y
+    };
+    let (x, info) = host_cg::solve(&apply, precondition, right, &LINEAR);
+    (x, info.iterations)
 }
 
 /// Factors a matrix that is positive semi-definite but for rounding.
@@ -154,7 +150,7 @@ fn factor_shifted(
 ) {
     let mut more: Vec<f64> = masses.iter().map(|m| 9.0 * m * inertia).collect();
     while pattern.factor(blocks, factor).is_err() {
-        add_diagonal(pattern, blocks, &more);
+        pattern.add_to_diagonal(blocks, &more, 1.0);
         more.iter_mut().for_each(|m| *m *= 10.0);
     }
 }

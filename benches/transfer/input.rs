@@ -1,10 +1,12 @@
-//! Bodies and garments as `meshes.py` writes them, and the CPU's clock.
+//! Bodies and garments as `meshes.py` writes them, and what things take.
 
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 
 use dressform::model::{TriMesh, Vec3};
 use serde::Deserialize;
+
+use crate::clock::cpu_seconds;
 
 #[derive(Deserialize)]
 struct File {
@@ -71,14 +73,6 @@ impl Meshes {
     pub fn outfit(&self, name: &str) -> &Outfit {
         self.outfits.iter().find(|o| o.name == name).expect("an outfit of the data")
     }
-}
-
-/// CPU seconds of this process so far, to a hundredth.
-pub fn cpu_seconds() -> f64 {
-    let stat = std::fs::read_to_string("/proc/self/stat").expect("Linux");
-    let fields: Vec<&str> = stat.rsplit(')').next().expect("a name").split_whitespace().collect();
-    let ticks: f64 = fields[11..13].iter().map(|f| f.parse::<f64>().expect("ticks")).sum();
-    ticks / 100.0
 }
 
 /// What `f` returns, and the CPU seconds that it took.

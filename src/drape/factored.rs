@@ -20,6 +20,7 @@ use crate::device::{Device, DeviceError};
 use crate::model::Vec3;
 use crate::solve::block_cholesky::{Block, BlockFactor, BlockPattern, product};
 use crate::solve::cg::{CgInfo, CgParams};
+use crate::solve::host_cg::solve;
 use crate::solve::two_level::TwoLevel;
 
 /// Times that the preconditioner's inertia is raised tenfold where rounding of the `f32` matrix
@@ -34,7 +35,6 @@ pub struct Factored {
     /// Looked for once; `None` inside where there is none.
     structure: Option<Option<Structure>>,
     factor: BlockFactor,
-    levels: Option<Box<TwoLevel>>,
 }
 
 /// What depends on the cloth's connectivity alone.
@@ -42,6 +42,8 @@ pub struct Factored {
 struct Structure {
     pattern: BlockPattern,
     curvature: Curvature,
+    /// For garments of many nodes.
+    levels: Option<TwoLevel>,
 }
 
 impl Structure {
@@ -50,7 +52,9 @@ impl Structure {
         let (starts, columns) = (device.read(&hessian.row_start)?, device.read(&hessian.columns)?);
         let Ok(pattern) = BlockPattern::new(&starts, &columns) else { return Ok(None) };
         let Some(curvature) = Curvature::new(&pattern, elastic) else { return Ok(None) };
-        Ok(Some(Structure { pattern, curvature }))
+        let rows = pattern.rows();
+        let levels = (rows >= MANY).then(|| TwoLevel::new(&pattern, &vec![false; rows]));
+        Ok(Some(Structure { pattern, curvature, levels }))
     }
 }
 
@@ -80,17 +84,10 @@ fn factor_shifted(matrix: &Matrix<'_>, inertia: &[f64], factor: &mut BlockFactor
         if matrix.pattern.factor(&blocks, factor).is_ok() {
             return true;
         }
-        add_diagonal(matrix.pattern, &mut blocks, inertia, more);
+        matrix.pattern.add_to_diagonal(&mut blocks, inertia, more);
         more *= 10.0;
     }
     false
-}
-
-fn add_diagonal(pattern: &BlockPattern, blocks: &mut [Block], values: &[f64], factor: f64) {
-    for (node, value) in values.iter().enumerate() {
-        let at = pattern.slot(node as u32, node as u32).expect("cloth couples a node to itself");
-        [0, 4, 8].iter().for_each(|&k| blocks[at][k] += factor * value);
-    }
 }
 
 impl Factored {
@@ -112,27 +109,26 @@ impl Factored {
         if self.structure.is_none() {
             self.structure = Some(Structure::new(device, elastic)?);
         }
-        let Factored { structure: Some(Some(structure)), factor, levels } = self else { return Ok(None) };
+        let Factored { structure: Some(Some(structure)), factor } = self else { return Ok(None) };
         let blocks = device.read(&elastic.hessian().blocks)?.iter().map(|b| b.map(f64::from)).collect();
-        let Structure { pattern, curvature } = structure;
+        let Structure { pattern, curvature, levels } = structure;
         let mut matrix = Matrix { pattern, blocks, outside: Vec::new() };
-        add_diagonal(matrix.pattern, &mut matrix.blocks, inertia, 1.0);
+        pattern.add_to_diagonal(&mut matrix.blocks, inertia, 1.0);
         for (stencil, b) in list.iter().zip(second) {
             add_stencil(&mut matrix, stencil, &b.map(f64::from));
         }
-        if matrix.pattern.rows() >= MANY {
-            let levels =
-                levels.get_or_insert_with(|| Box::new(TwoLevel::new(pattern, &vec![false; nodes.len()])));
-            if levels.set(pattern, &matrix.blocks, nodes).is_ok() {
-                curvature.put_back_all(&mut matrix.blocks, elastic, vertices);
-                return Ok(Some(solve(&matrix, &mut |r| levels.apply(r), gradient, params)));
-            }
+        let right: Vec<Vec3> = gradient.iter().map(|g| -g).collect();
+        if let Some(levels) = levels
+            && levels.set(pattern, &matrix.blocks, nodes).is_ok()
+        {
+            curvature.put_back_all(&mut matrix.blocks, elastic, vertices);
+            return Ok(Some(solve(&|x| matrix.apply(x), &mut |r| levels.apply(r), &right, params)));
         }
         let whole = curvature.put_back(pattern, &mut matrix.blocks, elastic, vertices, factor);
         if !whole && !factor_shifted(&matrix, inertia, factor) {
             return Ok(None);
         }
-        Ok(Some(solve(&matrix, &mut |r| pattern.solve(factor, r), gradient, params)))
+        Ok(Some(solve(&|x| matrix.apply(x), &mut |r| pattern.solve(factor, r), &right, params)))
     }
 }
 
@@ -162,51 +158,6 @@ fn add_stencil(matrix: &mut Matrix<'_>, stencil: &Stencil, b: &[f64; 6]) {
     }
 }
 
-fn dot(a: &[Vec3], b: &[Vec3]) -> f64 {
-    a.iter().zip(b).map(|(a, b)| a.dot(b)).sum()
-}
-
-/// Preconditioned conjugate gradients for `-H x = gradient`, from zero.
-fn solve(
-    matrix: &Matrix<'_>,
-    precondition: &mut dyn FnMut(&[Vec3]) -> Vec<Vec3>,
-    gradient: &[Vec3],
-    params: &CgParams,
-) -> (Vec<Vec3>, CgInfo) {
-    let mut x = vec![Vec3::zeros(); gradient.len()];
-    let mut r: Vec<Vec3> = gradient.iter().map(|g| -g).collect();
-    let mut z = precondition(&r);
-    let mut p = z.clone();
-    let mut rz = dot(&r, &z);
-    let scale = rz.max(0.0).sqrt();
-    let mut info = CgInfo { iterations: 0, residual: 1.0, converged: scale == 0.0 };
-    while !info.converged && info.iterations < params.max_iterations {
-        let q = matrix.apply(&p);
-        let curvature = dot(&p, &q);
-        if curvature <= 0.0 || !curvature.is_finite() {
-            if info.iterations == 0 && curvature.is_finite() {
-                x = p;
-            }
-            break;
-        }
-        let alpha = rz / curvature;
-        for i in 0..x.len() {
-            x[i] += p[i] * alpha;
-            r[i] -= q[i] * alpha;
-        }
-        z = precondition(&r);
-        let next = dot(&r, &z);
-        for i in 0..x.len() {
-            p[i] = z[i] + p[i] * (next / rz);
-        }
-        rz = next;
-        info.iterations += 1;
-        info.residual = rz.max(0.0).sqrt() / scale;
-        info.converged = info.residual <= params.tolerance;
-    }
-    (x, info)
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -225,7 +176,7 @@ mod tests {
         let pattern = BlockPattern::new(&starts, &columns.concat()).unwrap();
         let blocks = vec![[0.0; 9]; columns.concat().len()];
         let mut matrix = Matrix { pattern: &pattern, blocks, outside: Vec::new() };
-        add_diagonal(&pattern, &mut matrix.blocks, &[1e-3; 4], 1.0);
+        pattern.add_to_diagonal(&mut matrix.blocks, &[1e-3; 4], 1.0);
         let weights = [1.0, -0.2, -0.5, -0.3];
         let stencil = Stencil {
             kind: Kind::Barrier,

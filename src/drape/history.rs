@@ -1,6 +1,7 @@
 //! The quasi-Newton history of a minimisation.
 
 use crate::model::Vec3;
+use crate::solve::host_cg::dot;
 
 /// Iterations that the history remembers.
 const MEMORY: usize = 5;
@@ -13,10 +14,6 @@ const MEMORY: usize = 5;
 #[derive(Default)]
 pub(super) struct History {
     pairs: std::collections::VecDeque<(Vec<Vec3>, Vec<Vec3>, f64)>,
-}
-
-pub(super) fn dot(a: &[Vec3], b: &[Vec3]) -> f64 {
-    a.iter().zip(b).map(|(a, b)| a.dot(b)).sum()
 }
 
 fn add(a: &mut [Vec3], b: &[Vec3], factor: f64) {

@@ -8,10 +8,11 @@
 use super::Error;
 use super::contact::narrow::Contacts;
 use super::contact::stencil::Stencil;
-use super::history::{History, dot};
+use super::history::History;
 use super::simulation::{Simulation, StepInfo};
 use crate::model::Vec3;
 use crate::solve::cg::CgParams;
+use crate::solve::host_cg::dot;
 
 /// Decrease that a step must bring, as a share of what the slope promises [Armijo 1966].
 const ARMIJO: f64 = 1e-4;
@@ -96,7 +97,7 @@ impl Simulation<'_> {
             if info.converged || info.approached || info.newton >= until.most {
                 return Ok((x, info));
             }
-            let Some(descent) = self.descent(&mut here, problem, &mut history, &mut info)? else {
+            let Some(descent) = self.descent(&x, &mut here, problem, &mut history, &mut info)? else {
                 return Ok((x, info)); // no descent in f32: as good as it gets
             };
             let left = -0.5 * descent.slope;
@@ -117,16 +118,17 @@ impl Simulation<'_> {
     /// A direction of descent, no longer than contact allows, and the slope along it.
     fn descent(
         &mut self,
+        x: &[Vec3],
         here: &mut Here,
         problem: &Problem,
         history: &mut History,
         info: &mut StepInfo,
     ) -> Result<Option<Descent>, Error> {
-        let mut direction = self.direction(here, problem, history, info)?;
+        let mut direction = self.direction(x, here, problem, history, info)?;
         let mut slope = dot(&direction, &here.gradient);
         if slope >= 0.0 && !history.is_empty() {
             history.clear();
-            direction = self.direction(here, problem, history, info)?;
+            direction = self.direction(x, here, problem, history, info)?;
             slope = dot(&direction, &here.gradient);
         }
         let length = direction.iter().map(Vec3::norm).fold(0.0, f64::max);
@@ -145,9 +147,10 @@ impl Simulation<'_> {
         Ok(Some(Descent { direction, slope, most: most.max(1.0) }))
     }
 
-    /// Solves for the Newton direction at `here`.
+    /// Solves for the Newton direction at `here`, where the nodes are at `x`.
     fn direction(
         &mut self,
+        x: &[Vec3],
         here: &Here,
         problem: &Problem,
         history: &History,
@@ -158,10 +161,9 @@ impl Simulation<'_> {
         let stencils = [&here.contacts.stencils[..], &here.held[..], &problem.friction[..]].concat();
         let cg = CgParams { tolerance: self.params.cg_tolerance, max_iterations: self.params.max_cg };
         let (gradient, weights) = history.before(here.gradient.clone());
-        let nodes: Vec<Vec3> = problem.start.iter().zip(&here.moved).map(|(s, m)| s + m).collect();
         let (direction, solved) = self.system.direction(
             self.device,
-            (&self.elastic, &nodes, &here.vertices),
+            (&self.elastic, x, &here.vertices),
             &stencils,
             &here.moved,
             problem.inertia,

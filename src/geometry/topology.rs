@@ -102,6 +102,21 @@ fn buckets(keys: usize, items: u32, key: impl Fn(u32) -> u32) -> (Vec<u32>, Vec<
     (starts, sorted)
 }
 
+/// The points that share an edge with each point, ascending.
+pub fn neighbours(mesh: &TriMesh) -> Vec<Vec<u32>> {
+    let mut around: Vec<Vec<u32>> = vec![Vec::new(); mesh.points.len()];
+    for t in &mesh.triangles {
+        for k in 0..3 {
+            around[t[k] as usize].extend([t[(k + 1) % 3], t[(k + 2) % 3]]);
+        }
+    }
+    for list in &mut around {
+        list.sort_unstable();
+        list.dedup();
+    }
+    around
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -16,7 +16,8 @@ use serde::{Deserialize, Serialize};
 use super::Sewn;
 use super::cloth::node_mesh;
 use crate::geometry::OuterSkin;
-use crate::model::{BlendShape, Character, Garment, TriMesh, Vec3};
+use crate::geometry::topology::neighbours;
+use crate::model::{BlendShape, Character, Garment, Vec3};
 
 /// Distance from the skin at which cloth listens to its neighbours as much as to the skin [m].
 const LOOSE: f64 = 0.1;
@@ -104,19 +105,4 @@ fn averaged(taken: &[Vec3], anchors: &[Anchor], neighbours: &[Vec<u32>]) -> Vec<
             .collect();
     }
     offsets
-}
-
-/// The points that share an edge with each point, ascending.
-fn neighbours(cloth: &TriMesh) -> Vec<Vec<u32>> {
-    let mut around: Vec<Vec<u32>> = vec![Vec::new(); cloth.points.len()];
-    for t in &cloth.triangles {
-        for k in 0..3 {
-            around[t[k] as usize].extend([t[(k + 1) % 3], t[(k + 2) % 3]]);
-        }
-    }
-    for list in &mut around {
-        list.sort_unstable();
-        list.dedup();
-    }
-    around
 }

@@ -106,6 +106,17 @@ impl BlockPattern {
         self.columns[first..last].binary_search(&column).ok().map(|k| first + k)
     }
 
+    /// Adds `factor` times a value of each row to the diagonal of its diagonal block.
+    ///
+    /// # Panics
+    /// If a row has no diagonal block.
+    pub fn add_to_diagonal(&self, blocks: &mut [Block], values: &[f64], factor: f64) {
+        for (row, value) in (0..).zip(values) {
+            let at = self.slot(row, row).expect("a diagonal");
+            [0, 4, 8].iter().for_each(|&k| blocks[at][k] += factor * value);
+        }
+    }
+
     /// Factors the matrix with these blocks, shape `[blocks]`, into `factor`.
     ///
     /// # Errors

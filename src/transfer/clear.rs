@@ -17,6 +17,7 @@ use std::collections::HashSet;
 
 use crate::geometry::Surface;
 use crate::geometry::intersect::{mesh_intersections, self_intersections};
+use crate::geometry::topology::neighbours;
 use crate::model::{TriMesh, Vec3};
 
 /// How far lifted cloth is to lie from the skin [m].
@@ -130,21 +131,6 @@ impl Cloth<'_> {
         let triangles = self.triangles.iter().map(|t| t.map(|i| self.weld[i as usize])).collect();
         TriMesh { points: welded, triangles }
     }
-}
-
-/// The points that share an edge with each.
-fn neighbours(mesh: &TriMesh) -> Vec<Vec<u32>> {
-    let mut around = vec![Vec::new(); mesh.points.len()];
-    for t in &mesh.triangles {
-        for k in 0..3 {
-            around[t[k] as usize].extend([t[(k + 1) % 3], t[(k + 2) % 3]]);
-        }
-    }
-    for ring in &mut around {
-        ring.sort_unstable();
-        ring.dedup();
-    }
-    around
 }
 
 /// Moves of the points `at` that meet the demands, with the cloth around going along.

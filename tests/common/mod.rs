@@ -9,6 +9,7 @@ use std::io::Write;
 
 use bytemuck::Pod;
 use dressform::device::{AnyBuffer, Device, DeviceChoice, Kernel};
+use dressform::model::{TriMesh, Vec3};
 
 /// The GPU, software adapters included.
 ///
@@ -74,4 +75,32 @@ pub fn run<P: Pod>(
     let bound: Vec<&dyn AnyBuffer> = buffers.iter().map(|b| b as &dyn AnyBuffer).collect();
     device.run(kernel, invocations, params, &bound).expect("run");
     buffers.iter().map(|b| device.read(b).expect("read")).collect()
+}
+
+/// The middle of the ball, far from the origin [m].
+pub const BALL: [f64; 3] = [0.3, 1.2, -0.4];
+
+/// A knobbly ball about [`BALL`], `rings` by `2 rings`; `open` leaves a
+/// cap off.
+pub fn ball(rings: usize, open: bool) -> TriMesh {
+    let sectors = 2 * rings;
+    let mut points = Vec::new();
+    for i in 0..=rings {
+        let polar = std::f64::consts::PI * (i as f64 / rings as f64);
+        for j in 0..sectors {
+            let turn = std::f64::consts::TAU * j as f64 / sectors as f64;
+            let radius = 0.4 + 0.05 * (5.0 * turn).sin() * (7.0 * polar).sin();
+            let direction = Vec3::new(polar.sin() * turn.sin(), polar.cos(), polar.sin() * turn.cos());
+            points.push(Vec3::from(BALL) + direction * radius);
+        }
+    }
+    let at = |i: usize, j: usize| (i * sectors + j % sectors) as u32;
+    let rows = if open { rings * 3 / 4 } else { rings };
+    let triangles = (0..rows)
+        .flat_map(|i| (0..sectors).map(move |j| (i, j)))
+        .flat_map(|(i, j)| {
+            [[at(i, j), at(i + 1, j), at(i + 1, j + 1)], [at(i, j), at(i + 1, j + 1), at(i, j + 1)]]
+        })
+        .collect();
+    TriMesh { points, triangles }
 }
