@@ -1,23 +1,36 @@
 #!/usr/bin/env python3
-"""A dressed body in motion: garments simulated, with the simulation's own count of crossings.
+"""A dressed body in motion: garments simulated, and what they cross in every frame.
 
-    motion.py DRESSED OUT [FRAMES [SETTINGS]]
+    DRESSFORM_PEERS=... motion.py DRESSED OUT [--frames 1000] [--judge 50] [--settings JSON]
 
 Walks in place: thighs and knees swing, arms swing, the spine turns; legs by up to 25 degrees, arms
-by up to 20. Writes the animated stage and the simulation beside OUT, prints one JSON object: CPU
-seconds a frame, and what the simulation reports. The written points are judged by nobody else.
+by up to 20. Writes the animated stage and the simulation beside OUT, tells on stderr how far it is,
+and prints one JSON object: CPU seconds a frame, what the simulation reports (after every frame it
+looks for edges through triangles), and how many triangle pairs libigl with CGAL finds in every
+fiftieth written frame (left out where DRESSFORM_PEERS names no folder).
 """
 
 from __future__ import annotations
 
+import argparse
 import json
 import math
+import os
 import resource
 import sys
+import tempfile
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 from dressform.simulating import simulate
-from pxr import Gf, Sdf, Usd, UsdSkel, Vt
+from dressform.usd.garment import read_outfit
+from dressform.usd.motion import read_motion
+from dressform.usd.stage import apply, open_stage
+from fixtures import peer
+from judges import split_by_panel
+from pxr import Gf, Sdf, Usd, UsdGeom, UsdSkel, Vt
 
 #: Joint (the end of its path), axis in the skeleton's space, amplitude [degrees], phase.
 SWINGS = (
@@ -72,18 +85,65 @@ def animate(dressed: Path, out: Path, frames: int) -> None:
     layer.Save()
 
 
+def judge(moving: Path, simulated: Path, every: int) -> dict[str, Any]:
+    """Triangle pairs with the body, lower garments and themselves in every so many written frames."""
+    outfit, source, written = read_outfit(moving), open_stage(moving), open_stage(simulated)
+    body = outfit.bodies[0]
+    motion = read_motion(source, body)
+    pairs = {"body": 0, "layer": 0, "self": 0}
+    looked = range(0, len(motion.times), every)
+    with tempfile.TemporaryDirectory() as folder:
+        for frame in looked:
+            below: list[Path] = []
+            for garment in sorted(outfit.garments, key=lambda g: g.layer):
+                prim = written.stage.GetPrimAtPath(garment.path)
+                local = UsdGeom.PointBased(prim).GetPointsAttr().Get(motion.times[frame])
+                points = apply(written.world_from_local(prim), np.array(local, dtype=np.float64))
+                file = Path(folder) / f"{garment.name}.npz"
+                np.savez(
+                    file,
+                    target_v=motion.points[motion.lead_in + frame],
+                    body_f=body.triangles.astype(np.int64),
+                    **split_by_panel(replace(garment, points=points)),
+                )
+                found = peer("judges.py", file, "--inner", *below)
+                pairs["body"] += found["garment_body"]["pairs"]
+                pairs["layer"] += sum(inner["pairs"] for inner in found["inner"])
+                pairs["self"] += found["garment_self"]["pairs"]
+                below.append(file)
+    return {"frames": len(looked), "pairs": pairs}
+
+
 def main() -> None:
     """Animates, simulates and judges."""
-    dressed, out = Path(sys.argv[1]), Path(sys.argv[2])
-    frames = int(sys.argv[3]) if len(sys.argv) > 3 else 1000
-    settings = json.loads(sys.argv[4]) if len(sys.argv) > 4 else {}
-    moving = out.with_name(f"{out.stem}.moving.usda")
-    animate(dressed, moving, frames)
-    before = resource.getrusage(resource.RUSAGE_SELF).ru_utime
-    found = simulate(moving, out, settings=settings, device="cpu")
-    spent = resource.getrusage(resource.RUSAGE_SELF).ru_utime - before
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("dressed", type=Path)
+    parser.add_argument("out", type=Path)
+    parser.add_argument("--frames", type=int, default=1000)
+    parser.add_argument("--judge", type=int, default=50, metavar="EVERY")
+    parser.add_argument("--settings", type=json.loads, default={})
+    options = parser.parse_args()
+    moving = options.out.with_name(f"{options.out.stem}.moving.usda")
+    animate(options.dressed, moving, options.frames)
+    told = 0.0
+
+    def tell(stage: str, share: float) -> None:
+        nonlocal told
+        if share >= told:
+            print(f"{stage} {share:.0%}", file=sys.stderr, flush=True)
+            told = share + 0.01
+
+    before = resource.getrusage(resource.RUSAGE_SELF)
+    found = simulate(moving, options.out, settings=options.settings, device="cpu", progress=tell)
+    after = resource.getrusage(resource.RUSAGE_SELF)
+    spent = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
     made = found["frames"] + found["lead_in"]
-    print(json.dumps({**found, "cpu_s_per_frame": round(spent / made, 2)}))
+    result = {**found, "cpu_s_per_frame": round(spent / made, 2)}
+    if os.environ.get("DRESSFORM_PEERS"):
+        result["judged"] = judge(moving, options.out, options.judge)
+    print(json.dumps(result))
 
 
 if __name__ == "__main__":

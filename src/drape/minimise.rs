@@ -80,14 +80,22 @@ pub(super) struct Here {
 }
 
 impl Simulation<'_> {
-    /// Minimises from where the nodes are; where they would be, and what was achieved.
+    /// Minimises from where the nodes are, or `guess` from there if the objective is lower where that
+    /// leads freely; where the nodes would be, and what was achieved.
     pub(super) fn minimise(
         &mut self,
         problem: &Problem,
+        guess: Option<&[Vec3]>,
         until: Until,
     ) -> Result<(Vec<Vec3>, StepInfo), Error> {
         let mut x = self.x.clone();
         let mut here = self.evaluate(&x, problem);
+        if let Some(guess) = guess {
+            let found = self.go(&x, guess, self.free_share(&here, guess, 1.0), problem);
+            // Pairs may have been searched anew there.
+            let better = found.1.energy < here.energy;
+            (x, here) = if better { found } else { self.go(&x, guess, 0.0, problem) };
+        }
         let first = here.energy;
         let mut info = StepInfo::default();
         let mut history = History::default();
@@ -184,7 +192,7 @@ impl Simulation<'_> {
         problem: &Problem,
         until: Until,
     ) -> Option<(Vec<Vec3>, Here)> {
-        let free = self.free_share(here, descent, 1.0);
+        let free = self.free_share(here, &descent.direction, 1.0);
         let mut share = free;
         while share > SHORTEST {
             let (next, there) = self.go(x, &descent.direction, share, problem);
@@ -214,7 +222,7 @@ impl Simulation<'_> {
         let mut share = 1.0;
         let mut gain = here.energy - best.1.energy;
         while gain > STEADY * share * -descent.slope && 2.0 * share <= FARTHEST.min(descent.most) {
-            let more = share * self.free_share(&best.1, descent, share);
+            let more = share * self.free_share(&best.1, &descent.direction, share);
             let next = self.go(&best.0, &descent.direction, more, problem);
             if here.energy - next.1.energy <= gain {
                 // Pairs may have been searched anew there.
@@ -227,9 +235,9 @@ impl Simulation<'_> {
     }
 
     /// The share of the direction's multiple that no clean pair forbids.
-    fn free_share(&self, here: &Here, descent: &Descent, multiple: f64) -> f64 {
+    fn free_share(&self, here: &Here, direction: &[Vec3], multiple: f64) -> f64 {
         let node = &self.contact.scene.sheet.node;
-        let by_point: Vec<Vec3> = node.iter().map(|&n| descent.direction[n as usize] * multiple).collect();
+        let by_point: Vec<Vec3> = node.iter().map(|&n| direction[n as usize] * multiple).collect();
         self.contact.free_share(&here.points, &by_point, &here.contacts)
     }
 

@@ -187,26 +187,39 @@ impl<'a> Simulation<'a> {
     /// Where the minimisation does not reach its tolerance the step is still made, and the
     /// result says so.
     pub(super) fn step(&mut self, h: f64, damping: f64) -> Result<StepInfo, Error> {
-        self.advance(&self.x.clone(), h, damping, self.to_tolerance())
+        self.advance((&self.x.clone(), None), h, damping, self.to_tolerance())
     }
 
     /// As [`Simulation::step`] for cloth that was at `before` at the step's start and that moving
-    /// colliders have carried to where it is: its inertia counts from `before`, slip from here.
-    pub(super) fn step_from(&mut self, before: &[Vec3], h: f64, damping: f64) -> Result<StepInfo, Error> {
-        self.advance(before, h, damping, self.to_tolerance())
+    /// colliders have carried to where it is: its inertia counts from `before`, slip from here. The
+    /// minimisation starts `guess` from here, as far as that is free, if the objective is lower there.
+    pub(super) fn step_from(
+        &mut self,
+        before: &[Vec3],
+        guess: &[Vec3],
+        h: f64,
+        damping: f64,
+    ) -> Result<StepInfo, Error> {
+        self.advance((before, Some(guess)), h, damping, self.to_tolerance())
     }
 
     /// A step of `h` seconds towards rest, in which all velocity is lost; see [`Until::gain`].
     pub(super) fn quasi_static(&mut self, h: f64, gain: f64) -> Result<StepInfo, Error> {
         let most = QUASI_STATIC * self.params.max_newton;
-        self.advance(&self.x.clone(), h, 1.0, Until { most, gain, remembers: false, stubborn: false })
+        self.advance((&self.x.clone(), None), h, 1.0, Until { most, gain, remembers: false, stubborn: false })
     }
 
     fn to_tolerance(&self) -> Until {
         Until { most: self.params.max_newton, gain: 0.0, remembers: true, stubborn: false }
     }
 
-    fn advance(&mut self, before: &[Vec3], h: f64, damping: f64, until: Until) -> Result<StepInfo, Error> {
+    fn advance(
+        &mut self,
+        (before, guess): (&[Vec3], Option<&[Vec3]>),
+        h: f64,
+        damping: f64,
+        until: Until,
+    ) -> Result<StepInfo, Error> {
         self.offsets.turn(&self.x);
         let points = self.points();
         if !self.contact.tangles().is_clean() {
@@ -225,7 +238,7 @@ impl<'a> Simulation<'a> {
             .collect();
         let friction = self.lag_friction(&contacts, h);
         let problem = Problem { start: self.x.clone(), target, inertia: 1.0 / (h * h), friction };
-        let (x, info) = self.minimise(&problem, until)?;
+        let (x, info) = self.minimise(&problem, guess, until)?;
         self.moved = x.iter().zip(&self.x).map(|(x, s)| x - s).collect();
         self.v = x.iter().zip(before).map(|(x, b)| (x - b) * ((1.0 - damping) / h)).collect();
         self.x = x;
@@ -313,7 +326,7 @@ impl<'a> Simulation<'a> {
     fn at_rest(&mut self, h: f64, until: Until) -> Result<StepInfo, Error> {
         let (start, target) = (self.x.clone(), self.x.clone());
         let problem = Problem { start, target, inertia: 1.0 / (h * h), friction: Vec::new() };
-        let (x, info) = self.minimise(&problem, until)?;
+        let (x, info) = self.minimise(&problem, None, until)?;
         self.x = x;
         self.v.iter_mut().for_each(|v| *v = Vec3::zeros());
         Ok(info)

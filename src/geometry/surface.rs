@@ -222,7 +222,8 @@ impl Surface {
         }
     }
 
-    fn point_normal(&self, point: u32) -> Vec3 {
+    /// The pseudo-normal of a point, see [`Surface::point_normals`].
+    pub fn point_normal(&self, point: u32) -> Vec3 {
         match self.point_normals.get() {
             None if self.moved => self.topology().point_normal(&self.mesh, point),
             _ => self.point_normals()[point as usize],

@@ -29,14 +29,17 @@ fn bsr_multiply(args: &mut HostArgs<'_>) {
     let (blocks, x) = (args.read::<[f32; 9]>(2), args.read::<[f32; 3]>(3));
     let y = args.write::<[f32; 3]>(4);
     y.par_iter_mut().with_min_len(GRAIN).enumerate().for_each(|(row, y)| {
-        let mut sum = [0.0f32; 3];
-        for k in row_start[row] as usize..row_start[row + 1] as usize {
-            let (b, v) = (&blocks[k], &x[columns[k] as usize]);
-            for i in 0..3 {
-                sum[i] += b[3 * i] * v[0] + b[3 * i + 1] * v[1] + b[3 * i + 2] * v[2];
+        let range = row_start[row] as usize..row_start[row + 1] as usize;
+        // Products summed one by one, and each row of three at the end: that way they are vectors.
+        let mut sum = [0.0f32; 9];
+        for (b, column) in blocks[range.clone()].iter().zip(&columns[range]) {
+            let v = x[*column as usize];
+            let v = [v[0], v[1], v[2], v[0], v[1], v[2], v[0], v[1], v[2]];
+            for k in 0..9 {
+                sum[k] += b[k] * v[k];
             }
         }
-        *y = sum;
+        *y = std::array::from_fn(|i| sum[3 * i] + sum[3 * i + 1] + sum[3 * i + 2]);
     });
 }
 

@@ -1,4 +1,4 @@
-//! A collider: a surface that does not move, with its outward pseudo-normals.
+//! A collider: a surface that stands still within a step, with its outward pseudo-normals.
 //!
 //! The side of a point near a closed mesh is the sign of its offset from the closest point
 //! against the angle-weighted pseudo-normal there [Baerentzen and Aanaes 2005]. An open
@@ -7,7 +7,7 @@
 
 use std::borrow::Cow;
 use std::collections::HashMap;
-use std::sync::OnceLock;
+use std::sync::{Arc, OnceLock};
 
 use rayon::prelude::*;
 
@@ -66,6 +66,12 @@ impl Edges {
     }
 }
 
+/// Unit normals, zero where a triangle has none.
+fn triangle_normals(mesh: &TriMesh) -> Vec<Vec3> {
+    let unit = |n: Vec3| n.try_normalize(0.0).unwrap_or_else(Vec3::zeros);
+    (0..mesh.triangles.len()).map(|t| unit(mesh.area_normal(t))).collect()
+}
+
 /// Where a point is, seen from a collider.
 #[derive(Clone, Copy, Debug)]
 pub struct Side {
@@ -100,12 +106,12 @@ pub struct Fixed<'a> {
     pub surface: Cow<'a, Surface>,
     /// Whether it encloses a volume (a body) or is a sheet (a garment).
     pub solid: bool,
-    /// Edges.
-    pub edges: Edges,
+    /// Edges; shared with colliders that differ in their points alone.
+    pub edges: Arc<Edges>,
     /// Outward unit normals of the triangles.
     pub triangle_normals: Vec<Vec3>,
     /// Points that a triangle uses.
-    pub used: Vec<bool>,
+    pub used: Arc<Vec<bool>>,
     /// Broad phase over triangles, edges and points.
     pub triangle_tree: BoxTree,
     /// See [`Fixed::triangle_tree`].
@@ -118,33 +124,38 @@ pub struct Fixed<'a> {
 impl<'a> Fixed<'a> {
     /// Prepares a collider.
     pub fn new(surface: &'a Surface, solid: bool) -> Fixed<'a> {
-        Fixed::of(Cow::Borrowed(surface), solid)
-    }
-
-    /// The collider with its points elsewhere.
-    pub fn moved(&self, points: Vec<Vec3>) -> Fixed<'a> {
-        let triangles = self.mesh().triangles.clone();
-        Fixed::of(Cow::Owned(Surface::new(TriMesh { points, triangles })), self.solid)
-    }
-
-    fn of(surface: Cow<'a, Surface>, solid: bool) -> Fixed<'a> {
         let mesh = surface.mesh();
         let edges = Edges::new(&mesh.triangles);
-        let unit = |n: Vec3| n.try_normalize(0.0).unwrap_or_else(Vec3::zeros);
-        let triangle_normals: Vec<Vec3> =
-            (0..mesh.triangles.len()).map(|t| unit(mesh.area_normal(t))).collect();
         let mut used = vec![false; mesh.points.len()];
         edges.ends.iter().flatten().for_each(|&p| used[p as usize] = true);
         let point = |p: u32| mesh.points[p as usize];
         Fixed {
             solid,
-            triangle_normals,
-            used,
+            triangle_normals: triangle_normals(mesh),
+            used: Arc::new(used),
             triangle_tree: BoxTree::new(mesh.triangles.iter().map(|t| bounds(&t.map(point), 0.0))),
             edge_tree: BoxTree::new(edges.ends.iter().map(|e| bounds(&e.map(point), 0.0))),
             point_tree: BoxTree::new(mesh.points.iter().map(|p| (*p, *p))),
-            edges,
-            surface,
+            edges: Arc::new(edges),
+            surface: Cow::Borrowed(surface),
+            hidden: OnceLock::new(),
+        }
+    }
+
+    /// The collider with its points elsewhere; its trees are fitted and not built again.
+    pub fn moved(&self, points: Vec<Vec3>) -> Fixed<'a> {
+        let surface = self.surface.moved(points);
+        let mesh = surface.mesh();
+        let point = |p: u32| mesh.points[p as usize];
+        Fixed {
+            solid: self.solid,
+            triangle_normals: triangle_normals(mesh),
+            used: Arc::clone(&self.used),
+            triangle_tree: self.triangle_tree.fitted(|t| bounds(&mesh.triangles[t as usize].map(point), 0.0)),
+            edge_tree: self.edge_tree.fitted(|e| bounds(&self.edges.ends[e as usize].map(point), 0.0)),
+            point_tree: self.point_tree.fitted(|p| (point(p), point(p))),
+            edges: Arc::clone(&self.edges),
+            surface: Cow::Owned(surface),
             hidden: OnceLock::new(),
         }
     }

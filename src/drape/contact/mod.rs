@@ -262,13 +262,13 @@ impl<'a> Contact<'a> {
     pub fn free_share(&self, x: &[Vec3], dx: &[Vec3], contacts: &Contacts) -> f64 {
         let longest = dx.iter().map(Vec3::norm_squared).fold(0.0, f64::max).sqrt();
         if self.passing != Passing::All && longest > self.budget() - self.moved(x) + ROUNDING {
-            return self.scene.swept_share(x, dx);
+            return self.scene.swept_share(x, dx, &[]);
         }
         let share = |(pair, &d): (&Pair, &f64)| {
             if !matches!(pair.mode, Mode::Clean) || 2.0 * longest < 0.9 * d {
                 return 1.0;
             }
-            self.scene.free_share(pair, x, dx, 1.0)
+            self.scene.free_share(pair, x, (dx, &[]), 1.0)
         };
         self.pairs.par_iter().zip(&contacts.distances).with_min_len(PAIRS).map(share).reduce(|| 1.0, f64::min)
     }

@@ -1,6 +1,7 @@
 //! How far a move may go, whatever its length: continuous collision detection over the boxes that
 //! primitives sweep.
 
+use std::borrow::Cow;
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 
 use rayon::prelude::*;
@@ -15,15 +16,23 @@ use crate::model::Vec3;
 const CLEARANCE: f64 = 2e-4;
 
 impl Scene<'_> {
-    /// The share of the move `dx`, at most `most`, that the pair permits.
-    pub fn free_share(&self, pair: &Pair, x: &[Vec3], dx: &[Vec3], most: f64) -> f64 {
-        let moves = self.of_corners(pair, |i| dx[i as usize], |_| Vec3::zeros());
+    /// The share of a move, at most `most`, that the pair permits: contact points by `dx`, the
+    /// points of collider `c` by `colliders[c]` (none if there are none).
+    pub fn free_share(
+        &self,
+        pair: &Pair,
+        x: &[Vec3],
+        (dx, colliders): (&[Vec3], &[Vec<Vec3>]),
+        most: f64,
+    ) -> f64 {
+        let its = |i: u32| colliders.get(pair.collider as usize).map_or_else(Vec3::zeros, |m| m[i as usize]);
+        let moves = self.of_corners(pair, |i| dx[i as usize], its);
         ccd::free_share(pair.role.shape(), self.corners(pair, x), moves, most)
     }
 
-    /// The share of the move `dx` of clean cloth, at most 1, that nothing on its way forbids.
-    pub fn swept_share(&self, x: &[Vec3], dx: &[Vec3]) -> f64 {
-        let path = Path { scene: self, x, dx, least: Least::new() };
+    /// As [`Scene::free_share`], at most 1, for clean cloth and all that is on its way.
+    pub fn swept_share(&self, x: &[Vec3], dx: &[Vec3], colliders: &[Vec<Vec3>]) -> f64 {
+        let path = Path { scene: self, x, dx, colliders, least: Least::new() };
         path.past_itself();
         (0..self.colliders.len()).for_each(|c| path.past_collider(c));
         path.least.get()
@@ -54,6 +63,7 @@ struct Path<'a> {
     scene: &'a Scene<'a>,
     x: &'a [Vec3],
     dx: &'a [Vec3],
+    colliders: &'a [Vec<Vec3>],
     least: Least,
 }
 
@@ -68,7 +78,7 @@ impl Path<'_> {
         let (collider, mode) = (collider as u16, Mode::Clean);
         let pair = Pair { role, collider, a, b, radius: 0.0, found_at: 0.0, mode };
         let most = self.least.get();
-        let share = self.scene.free_share(&pair, self.x, self.dx, most);
+        let share = self.scene.free_share(&pair, self.x, (self.dx, self.colliders), most);
         if share < most {
             self.least.lower(share);
         }
@@ -76,20 +86,42 @@ impl Path<'_> {
 
     fn past_collider(&self, c: usize) {
         let (sheet, collider) = (&self.scene.sheet, &self.scene.colliders[c]);
+        let trees = self.collider_trees(c);
         let swept = |v: u32| self.swept([v]);
-        on_the_way(&sheet.near.points.order, swept, &collider.triangle_tree, |v, t| {
+        on_the_way(&sheet.near.points.order, swept, &trees.triangles, |v, t| {
             self.meet(Role::OnCollider, c, v, t);
         });
         let swept = |t: u32| self.swept(sheet.triangles[t as usize]);
-        on_the_way(&sheet.near.triangles.order, swept, &collider.point_tree, |t, p| {
+        on_the_way(&sheet.near.triangles.order, swept, &trees.points, |t, p| {
             if collider.used[p as usize] {
                 self.meet(Role::UnderCloth, c, p, t);
             }
         });
         let swept = |e: u32| self.swept(sheet.edges.ends[e as usize]);
-        on_the_way(&sheet.near.edges.order, swept, &collider.edge_tree, |e, f| {
+        on_the_way(&sheet.near.edges.order, swept, &trees.edges, |e, f| {
             self.meet(Role::EdgeCollider, c, e, f);
         });
+    }
+
+    /// Over the boxes that the collider's primitives sweep.
+    fn collider_trees(&self, c: usize) -> ColliderTrees<'_> {
+        let collider = &self.scene.colliders[c];
+        let Some(moves) = self.colliders.get(c) else {
+            return ColliderTrees {
+                triangles: Cow::Borrowed(&collider.triangle_tree),
+                edges: Cow::Borrowed(&collider.edge_tree),
+                points: Cow::Borrowed(&collider.point_tree),
+            };
+        };
+        let mesh = collider.mesh();
+        let ends = |p: u32| [mesh.points[p as usize], mesh.points[p as usize] + moves[p as usize]];
+        let triangle = |t: u32| bounds(mesh.triangles[t as usize].map(ends).as_flattened(), 0.0);
+        let edge = |e: u32| bounds(collider.edges.ends[e as usize].map(ends).as_flattened(), 0.0);
+        ColliderTrees {
+            triangles: Cow::Owned(collider.triangle_tree.fitted(triangle)),
+            edges: Cow::Owned(collider.edge_tree.fitted(edge)),
+            points: Cow::Owned(collider.point_tree.fitted(|p| bounds(&ends(p), 0.0))),
+        }
     }
 
     fn past_itself(&self) {
@@ -110,6 +142,13 @@ impl Path<'_> {
             }
         });
     }
+}
+
+/// Trees over a collider's primitives.
+struct ColliderTrees<'a> {
+    triangles: Cow<'a, BoxTree>,
+    edges: Cow<'a, BoxTree>,
+    points: Cow<'a, BoxTree>,
 }
 
 /// Calls `meet` with all primitives in `order` and the items of `tree` on their way.
@@ -148,13 +187,26 @@ mod tests {
         let (scene, x) = scene(&ball);
         // All goes down together: the lower patch meets the ball's top 3 cm below.
         let down = vec![Vec3::new(0.0, -0.3, 0.0); x.len()];
-        let share = scene.swept_share(&x, &down);
+        let share = scene.swept_share(&x, &down, &[]);
         assert!(share > 0.05 && share < 0.1, "{share}");
         // Only the upper one goes down: it meets the lower.
         let upper: Vec<Vec3> = x.iter().map(|p| Vec3::y() * if p.y > 0.15 { -0.3 } else { 0.0 }).collect();
-        let share = scene.swept_share(&x, &upper);
+        let share = scene.swept_share(&x, &upper, &[]);
         assert!(share > 0.05 && share < 0.1, "{share}");
         // Aside and up there is nothing.
-        assert_eq!(scene.swept_share(&x, &vec![Vec3::new(0.5, 0.1, 0.0); x.len()]), 1.0);
+        assert_eq!(scene.swept_share(&x, &vec![Vec3::new(0.5, 0.1, 0.0); x.len()], &[]), 1.0);
+    }
+
+    #[test]
+    fn a_collider_that_moves_stops_at_cloth_that_does_not_give_way() {
+        let ball = sphere(0.1, 12);
+        let (scene, x) = scene(&ball);
+        let up = [vec![Vec3::new(0.0, 0.3, 0.0); ball.mesh().points.len()]];
+        let share = scene.swept_share(&x, &vec![Vec3::zeros(); x.len()], &up);
+        assert!(share > 0.05 && share < 0.1, "{share}");
+        // With all going the same way nothing meets, and beside the cloth the ball passes.
+        assert_eq!(scene.swept_share(&x, &vec![up[0][0]; x.len()], &up), 1.0);
+        let aside = [vec![Vec3::new(0.5, 0.0, 0.0); ball.mesh().points.len()]];
+        assert_eq!(scene.swept_share(&x, &vec![Vec3::zeros(); x.len()], &aside), 1.0);
     }
 }

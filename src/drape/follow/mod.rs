@@ -15,7 +15,6 @@ pub mod carry;
 #[cfg(test)]
 mod tests;
 
-use super::contact::carried::LONGEST_MOVE;
 use super::contact::fixed::Fixed;
 use super::params::check;
 use super::setup::simulation;
@@ -25,7 +24,10 @@ use super::{Error, FRAME, Input, Params};
 use crate::device::Device;
 use crate::geometry::Surface;
 use crate::model::{Garment, Vec3};
+use carry::Carried;
 
+/// Longest way of what is near cloth in a step [m]: it is carried along straight lines.
+const LONGEST_MOVE: f64 = 0.02;
 /// A step is halved at most this often.
 const MOST_HALVINGS: u32 = 4;
 /// Most parts of a frame's solids' motion in a step.
@@ -55,8 +57,8 @@ pub struct Follower<'a> {
     params: &'a Params,
     layers: Vec<Simulation<'a>>,
     garments: Vec<&'a Garment>,
-    /// Points of the solids where they are.
-    solids: Vec<Vec<Vec3>>,
+    /// The solids where they are.
+    solids: Vec<Surface>,
     infos: Vec<Info>,
 }
 
@@ -78,9 +80,7 @@ impl<'a> Follower<'a> {
             params,
             layers: Vec::new(),
             garments: inputs.iter().map(|i| i.garment).collect(),
-            solids: inputs
-                .first()
-                .map_or(Vec::new(), |i| i.colliders.iter().map(|s| s.mesh().points.clone()).collect()),
+            solids: inputs.first().map_or(Vec::new(), |i| i.colliders.iter().map(|s| (*s).clone()).collect()),
             infos: vec![Info::default(); inputs.len()],
         };
         for (g, input) in inputs.iter().enumerate() {
@@ -97,18 +97,17 @@ impl<'a> Follower<'a> {
     /// # Errors
     /// A device's failure.
     pub fn advance(&mut self, to: &[Vec<Vec3>], seconds: f64) -> Result<(), Error> {
-        let start = self.solids.clone();
-        let longest = |(a, b): (&Vec<Vec3>, &Vec<Vec3>)| {
-            a.iter().zip(b).map(|(a, b)| (b - a).norm()).fold(0.0, f64::max)
-        };
-        let fastest = start.iter().zip(to).map(longest).fold(0.0, f64::max);
+        let start: Vec<Vec<Vec3>> = self.solids.iter().map(|s| s.mesh().points.clone()).collect();
+        let solids: Vec<&Surface> = self.solids.iter().collect();
+        let longest = self.layers.iter().map(|l| carry::longest(&solids, to, &l.x)).fold(0.0, f64::max);
         let least = (self.params.steps_per_frame as f64 * seconds / FRAME).ceil().max(1.0) as usize;
-        let steps = ((fastest / LONGEST_MOVE).ceil() as usize).clamp(least, least.max(MOST_STEPS));
+        let steps = ((longest / LONGEST_MOVE).ceil() as usize).clamp(least, least.max(MOST_STEPS));
         for i in 1..=steps {
             let t = i as f64 / steps as f64;
             let solids: Vec<Vec<Vec3>> = start.iter().zip(to).map(|(a, b)| between(a, b, t)).collect();
-            self.step(&solids, seconds / steps as f64)?;
+            self.step(solids, seconds / steps as f64)?;
         }
+        self.solids.iter_mut().zip(to).for_each(|(solid, to)| *solid = solid.moved(to.clone()));
         for (layer, info) in self.layers.iter_mut().zip(&mut self.infos) {
             layer.reclassify();
             let tangles = layer.contact.tangles();
@@ -128,16 +127,15 @@ impl<'a> Follower<'a> {
         &self.infos
     }
 
-    fn step(&mut self, solids: &[Vec<Vec3>], h: f64) -> Result<(), Error> {
+    /// A step of `h` seconds in which the solids go to `to`.
+    fn step(&mut self, mut to: Vec<Vec<Vec3>>, h: f64) -> Result<(), Error> {
         // Every collider of the layer at hand, at the step's end: solids, then lower garments.
-        let mut to: Vec<Vec<Vec3>> = solids.to_vec();
         for g in 0..self.layers.len() {
             let mover = Mover { damping: self.params.follow_damping, pushes: self.params.push_steps };
             mover.advance(&mut self.layers[g], &to, h, MOST_HALVINGS, &mut self.infos[g])?;
             let layer = &self.layers[g];
             to.push(self.garments[g].welded_mesh(&layer.offsets.vertices(&layer.x)).points);
         }
-        self.solids = solids.to_vec();
         Ok(())
     }
 }
@@ -162,9 +160,8 @@ impl Mover {
         halvings: u32,
         info: &mut Info,
     ) -> Result<(), Error> {
-        let here: Vec<Vec<Vec3>> = colliders(simulation).iter().map(|s| s.mesh().points.clone()).collect();
         let (x, v) = (simulation.x.clone(), simulation.v.clone());
-        let clean = carry_to(simulation, to);
+        let Carry { clean, guess, before } = carry_to(simulation, to, h);
         if clean || halvings == 0 {
             if !clean {
                 info.blocked_steps += 1;
@@ -173,7 +170,7 @@ impl Mover {
                 info.push_steps += pushed.push_steps;
                 simulation.v.clone_from(&v);
             }
-            let step = simulation.step_from(&x, h, self.damping)?;
+            let step = simulation.step_from(&x, &guess, h, self.damping)?;
             info.newton_iterations += step.newton;
             if step.converged || halvings == 0 {
                 info.steps += 1;
@@ -183,7 +180,8 @@ impl Mover {
         }
         // Back to the step's start, and two of half the length.
         (simulation.x, simulation.v) = (x, v);
-        restore(simulation, &here);
+        let here: Vec<Vec<Vec3>> = before.iter().map(|c| c.mesh().points.clone()).collect();
+        restore(simulation, before);
         for t in [0.5, 1.0] {
             let part: Vec<Vec<Vec3>> = here.iter().zip(to).map(|(a, b)| between(a, b, t)).collect();
             self.advance(simulation, &part, 0.5 * h, halvings - 1, info)?;
@@ -196,8 +194,18 @@ fn colliders<'s>(simulation: &'s Simulation<'_>) -> Vec<&'s Surface> {
     simulation.contact.scene.colliders.iter().map(|c| &*c.surface).collect()
 }
 
-/// Moves the colliders to `to` and the cloth near them along; whether nothing touched.
-fn carry_to(simulation: &mut Simulation<'_>, to: &[Vec<Vec3>]) -> bool {
+/// What moving the colliders left.
+struct Carry<'a> {
+    /// Whether nothing touched.
+    clean: bool,
+    /// Where inertia would take the cloth that the colliders do not carry, from where it is [m].
+    guess: Vec<Vec3>,
+    /// The colliders where they were.
+    before: Vec<Fixed<'a>>,
+}
+
+/// Moves the colliders to `to`, in `h` seconds, and the cloth near them along.
+fn carry_to<'a>(simulation: &mut Simulation<'a>, to: &[Vec<Vec3>], h: f64) -> Carry<'a> {
     let moved: Vec<Fixed<'_>> =
         simulation.contact.scene.colliders.iter().zip(to).map(|(c, p)| c.moved(p.clone())).collect();
     let after: Vec<&Surface> = moved.iter().map(|c| &*c.surface).collect();
@@ -207,32 +215,26 @@ fn carry_to(simulation: &mut Simulation<'_>, to: &[Vec<Vec3>]) -> bool {
         .zip(to)
         .map(|(a, b)| b.iter().zip(&a.mesh().points).map(|(b, a)| b - a).collect())
         .collect();
-    let mut shift = carry::displacements(&before, &after, &simulation.x);
-    shift
-        .iter_mut()
-        .zip(&simulation.pinned)
-        .filter(|(_, pinned)| **pinned)
-        .for_each(|(s, _)| *s = Vec3::zeros());
+    let mut carried = carry::carried(&before, &after, &simulation.x);
+    let pinned = Carried { by: Vec3::zeros(), share: 1.0 };
+    carried.iter_mut().zip(&simulation.pinned).filter(|(_, p)| **p).for_each(|(c, _)| *c = pinned);
     simulation.offsets.turn(&simulation.x.clone());
     let points = simulation.points();
     let by_point: Vec<Vec3> =
-        simulation.contact.scene.sheet.node.iter().map(|&n| shift[n as usize]).collect();
+        simulation.contact.scene.sheet.node.iter().map(|&n| carried[n as usize].by).collect();
     let share = simulation.contact.carried_share(&points, &by_point, &moves);
     let clean = share >= 1.0;
     simulation.hold.follow(&after);
-    for (x, d) in simulation.x.iter_mut().zip(&shift) {
-        *x += d * share;
-    }
+    simulation.x.iter_mut().zip(&carried).for_each(|(x, c)| *x += c.by * share);
+    let guess = simulation.v.iter().zip(&carried).map(|(v, c)| v * (h * (1.0 - c.share))).collect();
     let points = simulation.points();
-    simulation.contact.replace_colliders(moved, &points, clean);
-    clean
+    let before = simulation.contact.replace_colliders(moved, &points, clean);
+    Carry { clean, guess, before }
 }
 
-/// Puts the colliders back to `points`, where the cloth is clean as it was.
-fn restore(simulation: &mut Simulation<'_>, points: &[Vec<Vec3>]) {
-    let back: Vec<Fixed<'_>> =
-        simulation.contact.scene.colliders.iter().zip(points).map(|(c, p)| c.moved(p.clone())).collect();
-    simulation.hold.follow(&back.iter().map(|c| &*c.surface).collect::<Vec<_>>());
+/// Puts the colliders back to where they were `before`, and where the cloth is clean as it was.
+fn restore<'a>(simulation: &mut Simulation<'a>, before: Vec<Fixed<'a>>) {
+    simulation.hold.follow(&before.iter().map(|c| &*c.surface).collect::<Vec<_>>());
     let x = simulation.points();
-    simulation.contact.replace_colliders(back, &x, false);
+    simulation.contact.replace_colliders(before, &x, false);
 }
