@@ -21,6 +21,8 @@ COLUMNS = (
     "| seam mismatch | flips | drape residual | at rest | body | layer | self | depth mm | strain change p99 (draped) | seconds"
 )
 
+HELD = "outfit | character | garment | held by | tension N | stretch | moved mean / max mm | settling steps"
+
 
 def pairs(data: Path) -> list[tuple[Path, Path]]:
     """Every outfit with every target, and with the source body that it names."""
@@ -76,6 +78,16 @@ def rows(outfit: str, character: str, result: dict) -> list[str]:
     return lines
 
 
+def held(outfit: str, character: str, result: dict) -> list[str]:
+    """Table rows of the bands that were held."""
+    return [
+        f"| {outfit} | {character} | {g['name']} | {h['kind']} | {h['force_n']:.1f} | {h['extension']:.3f} "
+        f"| {h['moved_mean_m'] * 1e3:.1f} / {h['moved_max_m'] * 1e3:.1f} | {g['drape']['settle_steps']} |"
+        for g in result["garments"]
+        for h in g["held"]
+    ]
+
+
 def main() -> int:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
@@ -87,7 +99,7 @@ def main() -> int:
     parser.add_argument("--table", type=Path)
     options = parser.parse_args()
     options.out.mkdir(parents=True, exist_ok=True)
-    table = head(COLUMNS)
+    table, bands = head(COLUMNS), head(HELD)
     exits: dict[int, int] = {}
     for outfit, character in pairs(options.data):
         name = f"{outfit.stem}:{character.stem}"
@@ -99,6 +111,7 @@ def main() -> int:
         (options.out / f"{outfit.stem}_on_{character.stem}.json").write_text(json.dumps(result, indent=1))
         exits[result["exit"]] = exits.get(result["exit"], 0) + 1
         table += rows(outfit.stem, character.stem, result)
+        bands += held(outfit.stem, character.stem, result)
         print(
             f"{name}: exit {result['exit']}, {result['wall']:.0f} s",
             *result.get("broken", []),
@@ -109,7 +122,8 @@ def main() -> int:
     print(f"{sum(exits.values())} pairs: {summary}")
     if options.table:
         title = "# Every outfit on every character\n\nMade by `make pairs` (benches/all_pairs.py). "
-        options.table.write_text(title + summary + ".\n\n" + "\n".join(table) + "\n")
+        parts = [title + summary + ".", "\n".join(table), "## Held bands", "\n".join(bands)]
+        options.table.write_text("\n\n".join(parts) + "\n")
     return 0
 
 

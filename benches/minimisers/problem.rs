@@ -56,7 +56,7 @@ impl Problem {
 
     /// The disc of Cusick's test, of elements of about `h` [m], clamped in its middle.
     pub fn disc(h: f64) -> Problem {
-        let garment = disc::garment(&Fabric::default(), h, WAVES);
+        let garment = disc::garment(&Fabric::default(), h, WAVES, 1.0);
         let clamped = disc::clamped(&garment, h);
         Problem::new(garment, &clamped)
     }

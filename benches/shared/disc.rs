@@ -56,13 +56,14 @@ fn stitch(inside: (u32, u32), outside: (u32, u32), points: &[Vec2], triangles: &
     }
 }
 
-/// A disc of elements of about `h` [m], flat but for a ripple of so many waves.
-pub fn garment(fabric: &Fabric, h: f64, waves: f64) -> Garment {
+/// A disc of elements of about `h` [m], flat but for a ripple of so many waves, with its face up (1) or
+/// down (-1).
+pub fn garment(fabric: &Fabric, h: f64, waves: f64, face: f64) -> Garment {
     let (pattern, triangles) = disc(h);
     // A ripple of a tenth of a millimetre, for folds to start from.
     let place = |p: &Vec2| {
         let out = (p.norm() - PEDESTAL).max(0.0) / (DISC - PEDESTAL);
-        Vec3::new(p.x, 1e-4 * out * (waves * p.y.atan2(p.x) + 40.0 * p.x).sin(), -p.y)
+        Vec3::new(p.x, face * 1e-4 * out * (waves * p.y.atan2(p.x) + 40.0 * p.x).sin(), -p.y)
     };
     let source = GarmentSource {
         name: fabric.name.clone(),
