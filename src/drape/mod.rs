@@ -21,7 +21,8 @@
 //! *Untangle*: 6 frames of 1/24 s with 90% velocity damping per step, as in the paper.
 //! *Settle*: quasi-static steps of growing length until the net force on every node is small,
 //! or to a limit; those before the longest only approach.
-//! *Repair*: if anything still crosses, further pushes, each round with a frame after it.
+//! *Repair*: if anything still crosses, further pushes, each round with a frame after it. What is
+//! tangled does not settle.
 
 pub mod cloth;
 pub mod contact;
@@ -82,7 +83,8 @@ pub struct Info {
     pub settle_steps: usize,
     /// Those of them that only approached rest and were not solved to the tolerance.
     pub approach_steps: usize,
-    /// Steps whose minimisation did not reach its tolerance.
+    /// Steps whose minimisation did not reach its tolerance; like the two below of those since the
+    /// last push, which made what was before it void.
     pub unconverged_steps: usize,
     /// Newton iterations.
     pub newton_iterations: usize,
@@ -90,11 +92,11 @@ pub struct Info {
     pub cg_iterations: usize,
     /// Largest net force on a node over the mean node weight, at the end.
     pub residual: f64,
-    /// Largest residual of a step's minimisation, in mean node weights.
+    /// Largest residual of a step's minimisation since the last push, in mean node weights.
     pub step_residual: f64,
     /// Kinetic energy at the end [J].
     pub kinetic_energy_j: f64,
-    /// Whether every step reached its tolerance.
+    /// Whether every step since the last push reached its tolerance.
     pub converged: bool,
     /// Whether the residual is below the rest tolerance.
     pub at_rest: bool,
@@ -110,6 +112,8 @@ pub struct Info {
     pub draws: usize,
     /// Times that the cloth was lifted over the folds of lower layers.
     pub lifts: usize,
+    /// Times that cloth was carried out of slots too narrow for it.
+    pub carries: usize,
     /// Pushes made, see [`Params::push_steps`].
     pub push_steps: usize,
 }

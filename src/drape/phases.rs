@@ -37,7 +37,7 @@ pub(super) fn run(
     let h = FRAME / params.steps_per_frame as f64;
     push_out(simulation, h, params.push_steps, &mut info)?;
     untangle(simulation, params, &mut info, progress)?;
-    if params.settle {
+    if params.settle && simulation.contact.tangles().is_clean() {
         settle(simulation, params, &mut info, progress)?;
     }
     repair(simulation, params, &mut info, progress)?;
@@ -81,7 +81,9 @@ fn frame(
 ) -> Result<(), Error> {
     let h = FRAME / params.steps_per_frame as f64;
     for step in 1..=params.steps_per_frame {
-        advance(simulation, h, params.damping, info, MOST_HALVINGS)?;
+        // Springs of tangled pairs jump, and no step is short enough to converge for certain.
+        let halvings = if simulation.contact.tangles().is_clean() { MOST_HALVINGS } else { 0 };
+        advance(simulation, h, params.damping, info, halvings)?;
         after(step, simulation);
     }
     info.frames += 1;
@@ -148,12 +150,18 @@ fn repair(
         if push_out(simulation, h, params.push_steps, info)? {
             break;
         }
+        void_steps(info);
         frame(simulation, params, info, &mut |_, _| {})?;
         if params.settle && simulation.contact.tangles().is_clean() {
             return settle(simulation, params, info, progress);
         }
     }
     Ok(())
+}
+
+/// Forgets how the steps went that a push has made void.
+fn void_steps(info: &mut Info) {
+    (info.converged, info.unconverged_steps, info.step_residual) = (true, 0, 0.0);
 }
 
 /// One step; where it does not converge, two of half the length instead.

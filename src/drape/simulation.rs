@@ -287,10 +287,11 @@ impl<'a> Simulation<'a> {
         self.at_rest(h, Until { most: PUSH_ITERATIONS, stubborn: true, ..self.to_tolerance() })
     }
 
-    /// Towards the equilibrium of the cloth with nothing in the way around tangles.
-    pub(super) fn loosen(&mut self, h: f64) -> Result<StepInfo, Error> {
+    /// Towards the equilibrium of the cloth with nothing in the way within `rings` of edges of
+    /// tangles.
+    pub(super) fn loosen(&mut self, h: f64, rings: usize) -> Result<StepInfo, Error> {
         self.offsets.turn(&self.x);
-        self.contact.loosen(&self.points());
+        self.contact.loosen(&self.points(), rings);
         self.at_rest(h, Until { most: PUSH_ITERATIONS, ..self.to_tolerance() })
     }
 
@@ -305,6 +306,15 @@ impl<'a> Simulation<'a> {
     pub(super) fn lift(&mut self, h: f64) -> Result<Option<StepInfo>, Error> {
         self.offsets.turn(&self.x);
         if !self.contact.lift(&self.points()) {
+            return Ok(None);
+        }
+        self.at_rest(h, self.to_relaxed()).map(Some)
+    }
+
+    /// Out of slots that are too narrow for the cloth; `None` where nothing is caught in one.
+    pub(super) fn carry_out(&mut self, h: f64) -> Result<Option<StepInfo>, Error> {
+        self.offsets.turn(&self.x);
+        if !self.contact.carry_out(&self.points()) {
             return Ok(None);
         }
         self.at_rest(h, self.to_relaxed()).map(Some)

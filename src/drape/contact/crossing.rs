@@ -95,6 +95,11 @@ impl Tangles {
         near
     }
 
+    /// Whether anything is tangled with collider `c`.
+    pub fn with_collider(&self, c: usize) -> bool {
+        self.inside[c].contains(&true) || self.triangles.get(c).is_some_and(|list| list.contains(&true))
+    }
+
     /// Contact points on a wrong side.
     pub fn inside_count(&self) -> usize {
         self.inside.iter().flatten().filter(|&&i| i).count()

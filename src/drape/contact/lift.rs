@@ -23,15 +23,17 @@ const REACH: f64 = 0.05;
 /// How far around a tangle the cloth is lifted [m].
 const AROUND: f64 = 0.05;
 
-/// Aims over everything of lower layers that lies above the cloth, around what is tangled with them.
-pub fn over_layers(scene: &Scene<'_>, tangles: &Tangles, radii: &Radii, x: &[Vec3]) -> Vec<Aim> {
-    let mut aims = Vec::new();
+/// Aims over everything of lower layers that lies above the cloth, around what is tangled with them,
+/// and which contact points are around it.
+pub fn over_layers(scene: &Scene<'_>, tangles: &Tangles, radii: &Radii, x: &[Vec3]) -> (Vec<Aim>, Vec<bool>) {
+    let (mut aims, mut free) = (Vec::new(), vec![false; x.len()]);
     let normals = scene.sheet.normals(x);
     for (c, layer) in scene.colliders.iter().enumerate() {
         if layer.solid || !tangles.outward[c] {
             continue;
         }
         let near = around(scene, tangles, c, x);
+        near.iter().for_each(|&p| free[p as usize] = true);
         aims.par_extend(near.into_par_iter().filter_map(|p| {
             let (at, normal) = (x[p as usize], normals[p as usize]);
             let above = last_sheet(layer, &at, &normal, sight(scene, &at, &normal))?;
@@ -41,7 +43,7 @@ pub fn over_layers(scene: &Scene<'_>, tangles: &Tangles, radii: &Radii, x: &[Vec
             Some(Aim { points, weights, direction: normal, goal, radius, of_solid: false })
         }));
     }
-    aims
+    (aims, free)
 }
 
 /// Contact points close to one that is below collider `c` or that an edge through it belongs to.

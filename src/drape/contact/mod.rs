@@ -9,7 +9,7 @@
 //! of tangled pairs, and towards *aims* ([`aim`]) of points inside of a collider, of regions
 //! inside of another part of the garment ([`regions`]) and of intersection contours
 //! ([`contour`]). Cloth that is tangled with the folds of a lower layer is lifted over them first
-//! ([`lift`]).
+//! ([`lift`]); what is caught in a slot too narrow for it is carried out ([`pinch`]).
 //!
 //! The sides of tangled pairs: a collider's outward pseudo-normal; for two parts of one
 //! garment that are close on the source body, the side that they have to each other there; for
@@ -31,6 +31,7 @@ mod lift;
 pub mod narrow;
 pub mod operator;
 pub mod pairs;
+mod pinch;
 pub mod regions;
 pub mod search;
 pub mod sheet;
@@ -70,17 +71,17 @@ const LONGEST: f64 = 0.05;
 /// Pairs that a CPU task takes at least.
 const PAIRS: usize = 1024;
 
-/// Rings of edges around a tangle that [`Contact::loosen`] frees.
-const RINGS: usize = 2;
-
 /// What the cloth may pass through.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Passing {
     /// What it is tangled with.
     Tangled,
-    /// Lower layers, see [`Contact::lift`].
+    /// Lower layers, around what is tangled with them, see [`Contact::lift`].
     Layers,
-    /// What is within a few edges of a tangle, see [`Contact::loosen`].
+    /// Colliders, where it is caught in their slots, see [`Contact::carry_out`].
+    Slots,
+    /// The kinds of things that it is tangled with, within a few edges of a tangle, see
+    /// [`Contact::loosen`].
     Around,
     /// Everything; only aims act, see [`Contact::let_through`].
     All,
@@ -98,6 +99,8 @@ pub struct Contact<'a> {
     aims: Vec<Aim>,
     built_at: Vec<Vec3>,
     passing: Passing,
+    /// Contact points that may pass, where that are not all.
+    free: Vec<bool>,
 }
 
 impl<'a> Contact<'a> {
@@ -112,6 +115,7 @@ impl<'a> Contact<'a> {
             aims: Vec::new(),
             built_at: Vec::new(),
             passing: Passing::Tangled,
+            free: Vec::new(),
         };
         contact.classify(x);
         contact
@@ -139,13 +143,14 @@ impl<'a> Contact<'a> {
         self.passing = Passing::All;
     }
 
-    /// Until the next classification, lets the cloth through lower layers, with aims over what
-    /// lies above it; returns whether there are any.
+    /// Until the next classification, lets the cloth around tangles with lower layers through these,
+    /// with aims over what lies above it; returns whether there are any.
     pub fn lift(&mut self, x: &[Vec3]) -> bool {
-        let over = lift::over_layers(&self.scene, &self.tangles, &self.radii, x);
+        let (over, free) = lift::over_layers(&self.scene, &self.tangles, &self.radii, x);
         if over.is_empty() {
             return false;
         }
+        self.free = free;
         self.aims.retain(|aim| aim.of_solid);
         self.aims.extend(over);
         self.passing = Passing::Layers;
@@ -153,12 +158,30 @@ impl<'a> Contact<'a> {
         true
     }
 
-    /// Until the next classification, lets cloth around tangles through everything, without aims:
-    /// what its neighbours pull out by itself needs no push.
-    pub fn loosen(&mut self, x: &[Vec3]) {
+    /// Until the next classification, lets cloth up to so many `rings` of edges from a tangle through
+    /// whatever is tangled (itself or a collider), without aims: what its neighbours pull out by
+    /// itself needs no push.
+    pub fn loosen(&mut self, x: &[Vec3], rings: usize) {
         self.aims.clear();
+        self.free = self.tangles.around(&self.scene.sheet, rings);
         self.passing = Passing::Around;
         self.build(x);
+    }
+
+    /// Until the next classification, lets what is caught in narrow slots of colliders through
+    /// these, with aims out of the slots; returns whether there is anything.
+    pub fn carry_out(&mut self, x: &[Vec3]) -> bool {
+        let out = pinch::out_of_slots(&self.scene, &self.tangles, &self.radii, x);
+        if out.is_empty() {
+            return false;
+        }
+        self.free = vec![false; x.len()];
+        out.iter().for_each(|aim| self.free[aim.points[0] as usize] = true);
+        self.aims.retain(|aim| !aim.points.iter().any(|&p| self.free[p as usize]));
+        self.aims.extend(out);
+        self.passing = Passing::Slots;
+        self.build(x);
+        true
     }
 
     /// How deep the deepest point inside of a solid is [m].
@@ -193,16 +216,22 @@ impl<'a> Contact<'a> {
         let beyond = Beyond { collider: sides * self.budget(), own: 2.0 * self.budget() };
         let x = &self.built_at;
         let mut found = self.scene.pairs(x, &self.radii, beyond, &self.tangles, Among(among));
-        if self.passing == Passing::Layers {
-            let colliders = &self.scene.colliders;
-            found.retain(|p| p.role.is_own() || colliders[p.collider as usize].solid);
-        }
-        if self.passing == Passing::Around {
-            let loose = self.tangles.around(&self.scene.sheet, RINGS);
-            let scene = &self.scene;
-            found.retain(|p| !scene.of_corners(p, |i| loose[i as usize], |_| false).contains(&true));
-        }
+        found.retain(|pair| !self.passes(pair));
         self.pairs.append(&mut found);
+    }
+
+    /// Whether nothing holds the pair apart, as [`Passing`] says.
+    fn passes(&self, pair: &Pair) -> bool {
+        let (own, collider) = (pair.role.is_own(), pair.collider as usize);
+        let may = match self.passing {
+            Passing::Tangled => false,
+            Passing::All => true,
+            Passing::Layers => !own && !self.scene.colliders[collider].solid,
+            Passing::Slots => !own,
+            Passing::Around if own => !self.tangles.own.is_empty(),
+            Passing::Around => self.tangles.with_collider(collider),
+        };
+        may && self.scene.of_corners(pair, |i| self.free[i as usize], |_| false).contains(&true)
     }
 
     /// How far each point has moved since its pairs were found [m].

@@ -9,7 +9,9 @@
 //!    ([`super::contact::lift`]), with contact against the layers switched off, to an equilibrium.
 //! 3. *Push*: springs on all that is tangled ([`super::contact::aim`]) against barriers and
 //!    continuous collision detection on all that is clean, a few iterations at a time. What stays
-//!    tangled is *loosened* now and then: an equilibrium with nothing in the way around it.
+//!    tangled is now and then *carried* out of slots that are too narrow for it
+//!    ([`super::contact::pinch`]) or, if it is in none, *loosened*: an equilibrium with nothing in
+//!    the way around it.
 //! 4. *Relax*, after a draw: an equilibrium without friction, since the way through the body
 //!    left stretch behind that friction would keep.
 //!
@@ -22,8 +24,10 @@ use super::{Error, FRAME, Info};
 
 /// Starts deeper than this are drawn out before they are pushed [m].
 const DEEP: f64 = 0.01;
-/// Pushes after which what is still tangled is loosened.
+/// Pushes after which what is still tangled is carried out of slots or loosened.
 const PATIENCE: usize = 8;
+/// Rings of edges around what is tangled that are loosened, more each time.
+const RINGS: usize = 2;
 /// Most iterations of a draw.
 const MOST_DRAWS: usize = 40;
 
@@ -43,7 +47,10 @@ pub(super) fn push_out(
         return Ok(true);
     }
     let drawn = draw(simulation, h, info)?;
-    if let Some(step) = simulation.lift(FRAME)? {
+    // A second lift would pull up what the pushes have brought in place.
+    if info.lifts == 0
+        && let Some(step) = simulation.lift(FRAME)?
+    {
         count(info, &step);
         info.lifts += 1;
         simulation.reclassify();
@@ -53,9 +60,7 @@ pub(super) fn push_out(
             break;
         }
         if i % PATIENCE == PATIENCE - 1 {
-            let step = simulation.loosen(h)?;
-            count(info, &step);
-            simulation.reclassify();
+            free(simulation, h, info)?;
         }
         let step = simulation.push(h)?;
         count(info, &step);
@@ -67,6 +72,20 @@ pub(super) fn push_out(
         count(info, &step);
     }
     Ok(false)
+}
+
+/// Carries what stays tangled out of slots or, where it is in none, loosens it: the more of the cloth
+/// around it, the longer it has been tangled.
+fn free(simulation: &mut Simulation<'_>, h: f64, info: &mut Info) -> Result<(), Error> {
+    let step = if let Some(step) = simulation.carry_out(FRAME)? {
+        info.carries += 1;
+        step
+    } else {
+        simulation.loosen(h, RINGS * (1 + info.push_steps / PATIENCE))?
+    };
+    count(info, &step);
+    simulation.reclassify();
+    Ok(())
 }
 
 /// Draws what is deep inside of a solid to its way out; returns whether anything was.
