@@ -68,8 +68,7 @@ fn fine() -> Params {
         cell: 0.5 * standard.cell,
         beta: 4.0 * standard.beta,
         refinement: asked.unwrap_or(2),
-        refined_band: if asked.is_some() { 0.02 } else { 0.04 },
-        closing_band: if asked.is_some() { 0.02 } else { 0.04 },
+        refined_band: if asked.is_some() { 0.03 } else { 0.05 },
         exact: !is_loose(),
         ..standard
     }

@@ -11,6 +11,7 @@
 //! - [`intersect`]: exact triangle-triangle tests.
 //! - [`sdf`]: the narrow-band signed distance of paper section 5.1.
 //! - [`skin`]: the part of a body that something outside can touch.
+//! - [`split`]: a mesh with its long edges split.
 //! - [`skinning`]: where a pose takes what hangs on a skeleton.
 //!
 //! Everything but [`bulk`] is `f64`, and all is deterministic: results do not depend on the
@@ -23,6 +24,7 @@ pub mod patch;
 pub mod sdf;
 pub mod skin;
 pub mod skinning;
+pub mod split;
 pub mod surface;
 pub mod topology;
 pub mod triangle;
@@ -31,5 +33,6 @@ pub mod winding;
 pub use bvh::Node;
 pub use patch::Patch;
 pub use skin::{OuterSkin, buried, outer_skin, submesh};
+pub use split::Split;
 pub use surface::{Closest, Hit, Surface};
 pub use winding::Moments;

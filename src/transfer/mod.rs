@@ -37,12 +37,13 @@
 //!   garment that reaches beyond is given cells of its own ([`extension`]), so its result
 //!   does not change with its outfit-mates.
 //! - The first flow is solved once more on finer cells near the skin ([`refine`]).
-//! - From the third on, outer iterations *close*: what is left varies over less than a cell and
-//!   dies off within as much, so the finer cells in their thin band carry it, and what lies
-//!   beyond stays put ([`Params::refinement`]). Their penalty is stiffer and each has its
-//!   lattice shifted: both close the last of the gap sooner (see [`Params::stiffening`]).
-//! - Where closing on the band's own cells may reach the gap asked for, that is tried before
-//!   anything is refined: a gap of 2 mm costs a quarter of one of 0.5 mm.
+//! - Further outer iterations *close* what is left by a mean over the skin nearby ([`closing`]), not by
+//!   a flow: what cells miss dies off within less than they are wide, and a flow on them would push
+//!   cloth a centimetre away by what the skin alone misses.
+//! - The skin's long edges are split, so that what is missed is known between the body's vertices too
+//!   ([`outer`]).
+//! - Where closing after the band's own cells may reach the gap asked for, and that is a millimetre or
+//!   more, it is tried before anything is refined: a gap of 2 mm costs a tenth of one of 0.4 mm.
 //! - What the gap leaves in creases of the target is named ([`folds`]).
 //! - The flow moves points. Triangles that cut the skin between them are lifted out of it ([`clear`]).
 //! - The bias starts anew in every outer loop, so compression that was accepted before is
@@ -57,6 +58,7 @@ mod anderson;
 pub mod boundary;
 pub mod cache;
 pub mod clear;
+mod closing;
 pub mod domain;
 pub mod element;
 pub mod exact;
@@ -133,9 +135,9 @@ pub struct Info {
     pub skin_gap_p99_m: f64,
     /// Active cells in the last outer iteration, the garment's extension included.
     pub active_cells: usize,
-    /// Active cells in the last closing iteration.
-    pub closing_cells: usize,
-    /// Outer iterations.
+    /// Finer cells near the skin.
+    pub refined_cells: usize,
+    /// Outer iterations, closing ones included.
     pub outer_iterations: usize,
     /// Conjugate gradient iterations in all, the garment's extensions included.
     pub cg_iterations: usize,
@@ -155,7 +157,7 @@ pub struct Info {
     pub skin_gaps_p99_m: Vec<f64>,
     /// Where the target's skin folds and the gap was not closed for it.
     pub folds: Vec<folds::Fold>,
-    /// The inner loop of each outer iteration, in the band.
+    /// The inner loop of each flow that was solved.
     pub inner: Vec<InnerInfo>,
 }
 

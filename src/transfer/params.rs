@@ -20,10 +20,6 @@ pub struct Params {
     pub gamma: f64,
     /// Penalty of the boundary condition, over `nu`'s unit [1/m^2].
     pub beta: f64,
-    /// Factor on `beta` from the second outer iteration on. The first carries the garments
-    /// nearly all of the way with a soft boundary; a stiff one would hold the field flat
-    /// through the whole of the cut cells. The small rest is closed sooner with a stiff one.
-    pub stiffening: f64,
     /// Boundary quadrature points along each axis of a cut cell.
     pub quadrature: usize,
     /// Most iterations of the inner loop.
@@ -39,15 +35,11 @@ pub struct Params {
     /// below 1e-8 of that of no displacement: a reference for tests, at several times the cost.
     pub exact: bool,
     /// Outer iterations with the whole band. The next one solves the last of them once more with
-    /// cells `refinement` times smaller in `refined_band`; those after it close what is left in
-    /// `closing_band`.
+    /// cells `refinement` times smaller in `refined_band`; those after it close what is left at the skin.
     pub coarse_iterations: usize,
-    /// Width outside of the body of the band of finer cells that the first flow is solved with [m];
-    /// at least two of their size. With 3 cm cloth beyond is twice as far from the field of fine cells.
+    /// Width outside of the body of the band of finer cells [m]; at least two of their size. With 3 cm
+    /// cloth beyond is twice as far from the field of fine cells.
     pub refined_band: f64,
-    /// Width outside of the body of the band of finer cells that closes [m]; at least two of their
-    /// size. What is left of the gap varies from place to place and dies off well within.
-    pub closing_band: f64,
     /// How many times smaller the cells near the skin are; 1 leaves refinement out.
     pub refinement: usize,
     /// Most iterations of the outer loop.
@@ -73,7 +65,6 @@ impl Default for Params {
             nu: 100.0,
             gamma: 0.01,
             beta: 1e6,
-            stiffening: 10.0,
             quadrature: 2,
             inner_iterations: 30,
             inner_tolerance: 1e-4,
@@ -82,8 +73,7 @@ impl Default for Params {
             exact: false,
             coarse_iterations: 1,
             refined_band: 0.05,
-            closing_band: 0.03,
-            refinement: 3,
+            refinement: 4,
             outer_iterations: 10,
             gap_p99: 4e-4,
             gap_accepted: 2e-3,
@@ -100,7 +90,6 @@ impl Params {
             ("nu", self.nu),
             ("gamma", self.gamma),
             ("beta", self.beta),
-            ("stiffening", self.stiffening),
             ("inner_tolerance", self.inner_tolerance),
             ("cg_tolerance", self.cg_tolerance),
             ("gap_p99", self.gap_p99),
@@ -129,10 +118,9 @@ impl Params {
             let value = self.fade;
             return Err(Error::Setting { name: "fade", value, expected: "between 0 and the band's width" });
         }
-        for (name, value) in [("refined_band", self.refined_band), ("closing_band", self.closing_band)] {
-            if !(value >= 2.0 * self.cell / self.refinement as f64 && value.is_finite()) {
-                return Err(Error::Setting { name, value, expected: "at least two of the finer cells" });
-            }
+        if !(self.refined_band >= 2.0 * self.cell / self.refinement as f64 && self.refined_band.is_finite()) {
+            let (name, value) = ("refined_band", self.refined_band);
+            return Err(Error::Setting { name, value, expected: "at least two of the finer cells" });
         }
         if self.refinement > 8 {
             let value = self.refinement as f64;

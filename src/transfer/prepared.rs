@@ -1,7 +1,7 @@
 //! A transfer that is solved once for a pair of bodies and then carries any garment.
 //!
-//! The flow depends on the body pair alone: [`Prepared`] holds the field of every outer
-//! iteration, and a garment is carried by sampling one after the other. Where it lies beyond
+//! The flow depends on the body pair alone: [`Prepared`] holds the fields and what closes the rest,
+//! and a garment is carried by sampling one after the other. Where it lies beyond
 //! the band it is given cells of its own ([`super::extension`]), which no other sees.
 
 use std::sync::OnceLock;
@@ -13,6 +13,7 @@ use serde::{Deserialize, Serialize};
 use super::align::Motion;
 use super::boundary::is_inside;
 use super::clear::{Cloth, Lift, clear};
+use super::closing::Closing;
 use super::extension::extend;
 use super::field::{Field, InnerInfo};
 use super::folds::{self, Fold};
@@ -64,12 +65,23 @@ impl Drift {
         }
     }
 
+    /// Moves the points along with a closing.
+    pub fn close(&mut self, closing: &Closing) {
+        let moves = closing.sample_all(&self.points);
+        for ((p, gradient), moved) in self.points.iter_mut().zip(&mut self.gradient).zip(moves) {
+            if let Some((u, slope)) = moved {
+                *p += u;
+                *gradient = (Matrix3::identity() + slope) * *gradient;
+            }
+        }
+    }
+
     fn determinant_min(&self) -> f64 {
         self.gradient.iter().map(Matrix3::determinant).fold(f64::INFINITY, f64::min)
     }
 }
 
-/// The field of one outer iteration.
+/// The flow of one outer iteration.
 #[derive(Debug)]
 pub(super) struct Step {
     pub field: Field,
@@ -77,23 +89,20 @@ pub(super) struct Step {
     pub fine: Option<Field>,
     /// The skin's points at its start [m].
     pub skin: Vec<Vec3>,
-    /// Whether it only closes what the steps before left: its field ends in zero at the rim
-    /// of its band, and what lies beyond stays where it is.
-    pub closing: bool,
     pub surface: OnceLock<Surface>,
 }
 
 impl Step {
-    pub fn new(field: Field, surface: Surface, closing: bool) -> Step {
-        Step { field, fine: None, skin: surface.mesh().points.clone(), closing, surface: surface.into() }
+    pub fn new(field: Field, surface: Surface) -> Step {
+        Step { field, fine: None, skin: surface.mesh().points.clone(), surface: surface.into() }
     }
 
     /// As read from a file: the surface is made when it is asked for.
-    pub fn stored(field: Field, fine: Option<Field>, skin: Vec<Vec3>, closing: bool) -> Step {
-        Step { field, fine, skin, closing, surface: OnceLock::new() }
+    pub fn stored(field: Field, fine: Option<Field>, skin: Vec<Vec3>) -> Step {
+        Step { field, fine, skin, surface: OnceLock::new() }
     }
 
-    /// Moves points along with the field and, unless it is closing, its extension to them.
+    /// Moves points along with the field and its extension to them.
     pub fn advect(
         &self,
         device: &Device,
@@ -101,15 +110,6 @@ impl Step {
         skin: &[[u32; 3]],
         drift: &mut Drift,
     ) -> Result<(), Error> {
-        if self.closing {
-            for (p, gradient) in drift.points.iter_mut().zip(&mut drift.gradient) {
-                if let Some((u, slope)) = self.field.sample(p) {
-                    *p += u;
-                    *gradient = (Matrix3::identity() + slope) * *gradient;
-                }
-            }
-            return Ok(());
-        }
         let surface = || {
             self.surface
                 .get_or_init(|| Surface::new(TriMesh { points: self.skin.clone(), triangles: skin.to_vec() }))
@@ -134,7 +134,7 @@ impl Step {
     }
 }
 
-/// From the source to the target: a motion, then the steps.
+/// From the source to the target: a motion, the steps, then the closings.
 #[derive(Debug)]
 pub(super) struct Flow {
     pub params: Params,
@@ -142,6 +142,7 @@ pub(super) struct Flow {
     /// Farthest that a point may be from the body [m].
     pub reach: f64,
     pub steps: Vec<Step>,
+    pub closings: Vec<Closing>,
 }
 
 /// What the outer loop did.
@@ -208,7 +209,8 @@ impl Prepared {
         let of_step = |step: &Step| field(&step.field) + step.fine.as_ref().map_or(0, field);
         let grids = self.flow.steps.iter().map(of_step);
         let surfaces = (self.flow.steps.len() + 1) * 400 * self.skin.triangles.len();
-        grids.sum::<usize>() + surfaces + 120 * self.body.len()
+        let closings = 60 * self.flow.closings.len() * self.skin.of_body.len();
+        grids.sum::<usize>() + surfaces + closings + 120 * self.body.len()
     }
 
     /// Carries a garment's points, shape `[n, 3]` [m].
@@ -222,6 +224,7 @@ impl Prepared {
         for step in &self.flow.steps {
             step.advect(device, &self.flow, &self.skin.triangles, &mut drift)?;
         }
+        self.flow.closings.iter().for_each(|closing| drift.close(closing));
         let target = self.target_surface();
         Ok(Carried {
             extra_cells: drift.extra_cells,
@@ -285,11 +288,9 @@ impl Prepared {
     pub fn info(&self, carried: &Carried, near: &Near) -> Info {
         let (course, gap) = (&self.course, &near.gap);
         let cells = |field: &Field| field.domain.cells.len();
-        let coarse = self.flow.steps.iter().rfind(|step| !step.closing);
-        let band_cells = coarse.map_or(0, |step| cells(&step.field));
-        let fine =
-            |step: &Step| if step.closing { Some(cells(&step.field)) } else { step.fine.as_ref().map(cells) };
-        let fine_cells = self.flow.steps.iter().rev().find_map(fine);
+        let last = self.flow.steps.last();
+        let band_cells = last.map_or(0, |step| cells(&step.field));
+        let fine_cells = last.and_then(|step| step.fine.as_ref()).map_or(0, cells);
         let band_iterations: usize = course.inner.iter().flat_map(|i| &i.cg_iterations).sum();
         let solved = self.body_converged && course.inner.iter().all(|i| i.converged);
         Info {
@@ -299,8 +300,8 @@ impl Prepared {
             body_gap_p99_m: self.body_gap.p99,
             skin_gap_p99_m: self.gap(&self.areas).p99,
             active_cells: band_cells + carried.extra_cells,
-            closing_cells: fine_cells.unwrap_or(0),
-            outer_iterations: course.inner.len(),
+            refined_cells: fine_cells,
+            outer_iterations: course.gaps.len(),
             cg_iterations: band_iterations + carried.cg_iterations,
             converged: solved && carried.converged && gap.p99 <= self.flow.params.gap_accepted,
             stop: course.stop,

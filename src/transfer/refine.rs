@@ -107,7 +107,7 @@ fn parent(cell: Coordinates, ratio: i32) -> Coordinates {
 }
 
 /// Nodes at the outer edge of a band: next to a missing cell, and to none near the surface.
-pub(super) fn rim(domain: &Domain, active: &[Active]) -> Vec<bool> {
+fn rim(domain: &Domain, active: &[Active]) -> Vec<bool> {
     let far =
         |cell: u32| cell == NONE || (domain.kinds[cell as usize] == Kind::Open && !active[cell as usize].cut);
     let rim = |cells: &[u32; 8]| cells.contains(&NONE) && cells.iter().all(|&cell| far(cell));

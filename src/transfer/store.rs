@@ -19,6 +19,7 @@ use sha2::{Digest, Sha256};
 
 use super::Params;
 use super::align::Motion;
+use super::closing::Closing;
 use super::domain::{Coordinates, Domain, Kind, Lattice};
 use super::field::Field;
 use super::gap::Gap;
@@ -29,7 +30,7 @@ const MAGIC: &[u8; 16] = b"dressform field\n";
 /// Reads differently on a machine of the other byte order.
 const BYTE_ORDER: u32 = 0x0102_0304;
 /// Of the file; grows with every change of its layout.
-const FORMAT: u32 = 3;
+const FORMAT: u32 = 4;
 const HEAD: usize = 16 + 4 + 4 + 32 + 32;
 /// Set in a packed cell of kind [`Kind::Open`].
 const OPEN: u32 = 1 << 31;
@@ -45,6 +46,7 @@ struct Small {
     body_gap: Gap,
     body_converged: bool,
     steps: Vec<Grids>,
+    closings: usize,
 }
 
 /// The grids of a step.
@@ -52,7 +54,6 @@ struct Small {
 struct Grids {
     field: Grid,
     fine: Option<Grid>,
-    closing: bool,
 }
 
 /// A lattice and the box around its cells.
@@ -71,6 +72,7 @@ pub(super) fn encode(prepared: &Prepared, key: &Key) -> Vec<u8> {
         course: prepared.course.clone(),
         body_gap: prepared.body_gap,
         body_converged: prepared.body_converged,
+        closings: prepared.flow.closings.len(),
         steps: prepared.flow.steps.iter().map(grids).collect(),
     };
     let mut out = vec![0; HEAD];
@@ -87,6 +89,11 @@ pub(super) fn encode(prepared: &Prepared, key: &Key) -> Vec<u8> {
             put(&mut out, cast_slice(&cells(&field.domain, &Grid::of(&field.domain))));
             put(&mut out, cast_slice(&flat(&field.displacement)));
         }
+    }
+    for closing in &prepared.flow.closings {
+        put(&mut out, cast_slice(&flat(&closing.places)));
+        put(&mut out, cast_slice(&flat(&closing.missing)));
+        put(&mut out, cast_slice(&closing.areas));
     }
     let digest = Sha256::digest(&out[HEAD..]);
     let head = [&MAGIC[..], &BYTE_ORDER.to_ne_bytes(), &FORMAT.to_ne_bytes(), key, &digest].concat();
@@ -114,9 +121,13 @@ pub(super) fn decode(bytes: &[u8], key: &Key, params: &Params) -> Option<Prepare
             Some(grid) => Some(field(&grid, &mut rest)?),
             None => None,
         };
-        steps.push(Step::stored(coarse, fine, skin, grids.closing));
+        steps.push(Step::stored(coarse, fine, skin));
     }
-    let flow = Flow { params: params.clone(), motion: small.motion, reach: small.reach, steps };
+    let mut closings = Vec::new();
+    for _ in 0..small.closings {
+        closings.push(Closing::new(points(&mut rest)?, points(&mut rest)?, array(&mut rest)?));
+    }
+    let flow = Flow { params: params.clone(), motion: small.motion, reach: small.reach, steps, closings };
     Some(Prepared {
         flow,
         skin,
@@ -133,7 +144,7 @@ pub(super) fn decode(bytes: &[u8], key: &Key, params: &Params) -> Option<Prepare
 
 fn grids(step: &Step) -> Grids {
     let fine = step.fine.as_ref().map(|fine| Grid::of(&fine.domain));
-    Grids { field: Grid::of(&step.field.domain), fine, closing: step.closing }
+    Grids { field: Grid::of(&step.field.domain), fine }
 }
 
 impl Grid {

@@ -81,10 +81,6 @@ class TransferSettings(CoreModel):
     gamma: Number = 0.01
     #: Penalty of the boundary condition, over `nu`'s unit [1/m^2].
     beta: Number = 1000000.0
-    #: Factor on `beta` from the second outer iteration on. The first carries the garments nearly all of the
-    #: way with a soft boundary; a stiff one would hold the field flat through the whole of the cut cells. The
-    #: small rest is closed sooner with a stiff one.
-    stiffening: Number = 10.0
     #: Boundary quadrature points along each axis of a cut cell.
     quadrature: Count = 2
     #: Most iterations of the inner loop.
@@ -100,16 +96,13 @@ class TransferSettings(CoreModel):
     #: that of no displacement: a reference for tests, at several times the cost.
     exact: bool = False
     #: Outer iterations with the whole band. The next one solves the last of them once more with cells
-    #: `refinement` times smaller in `refined_band`; those after it close what is left in `closing_band`.
+    #: `refinement` times smaller in `refined_band`; those after it close what is left at the skin.
     coarse_iterations: Count = 1
-    #: Width outside of the body of the band of finer cells that the first flow is solved with [m]; at least
-    #: two of their size. With 3 cm cloth beyond is twice as far from the field of fine cells.
+    #: Width outside of the body of the band of finer cells [m]; at least two of their size. With 3 cm cloth
+    #: beyond is twice as far from the field of fine cells.
     refined_band: Number = 0.05
-    #: Width outside of the body of the band of finer cells that closes [m]; at least two of their size. What
-    #: is left of the gap varies from place to place and dies off well within.
-    closing_band: Number = 0.03
     #: How many times smaller the cells near the skin are; 1 leaves refinement out.
-    refinement: Count = 3
+    refinement: Count = 4
     #: Most iterations of the outer loop.
     outer_iterations: Count = 10
     #: The outer loop ends when the 99th percentile of the outer skin's gap is below [m].

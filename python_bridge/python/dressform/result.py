@@ -41,7 +41,7 @@ class TransferReport(_Report):
     gap_mean_m: float
     body_gap_p99_m: float = Field(description="the same over the whole body [m]")
     active_cells: int
-    closing_cells: int = Field(description="active cells of the last closing iteration")
+    refined_cells: int = Field(description="finer cells near the skin")
     outer_iterations: int
     cg_iterations: int
     converged: bool
