@@ -24,7 +24,7 @@ fn distances(a: &[Vec3], b: &[Vec3]) -> String {
 
 /// Prints the distances of the garments' vertices from two references, both solved in `f64` to a
 /// residual of 1e-8: the default's own cells, which judges the solver, and cells of half the size in
-/// the band and 5 mm near the skin, which judges the cells too. `DRESSFORM_PAIR` picks one pair
+/// the band and 3.3 mm near the skin, which judges the cells too. `DRESSFORM_PAIR` picks one pair
 /// (`OUTFIT:TARGET`), `DRESSFORM_REFINEMENT` divides the 1 cm cells near the skin by another number,
 /// and with `DRESSFORM_LOOSE` the fine cells alone are asked, and solved to the default's tolerance, for
 /// a tenth of the time.
@@ -60,15 +60,15 @@ fn is_loose() -> bool {
     std::env::var_os("DRESSFORM_LOOSE").is_some()
 }
 
-/// Cells of half the size in the band, 5 mm near the skin; `beta h^2 / nu` is the same.
+/// Cells of half the size in the band, 3.3 mm near the skin; `beta h^2 / nu` is the same.
 fn fine() -> Params {
     let asked = std::env::var("DRESSFORM_REFINEMENT").ok().and_then(|r| r.parse().ok());
     let standard = Params::default();
     Params {
         cell: 0.5 * standard.cell,
         beta: 4.0 * standard.beta,
-        refinement: asked.unwrap_or(2),
-        refined_band: if asked.is_some() { 0.03 } else { 0.05 },
+        refinement: asked.unwrap_or(3),
+        refined_band: 0.03,
         exact: !is_loose(),
         ..standard
     }

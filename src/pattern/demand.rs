@@ -25,7 +25,7 @@ use crate::model::{Chain, Vec2, chain};
 
 /// Mirrored runs whose lengths the unconstrained layout makes differ by more than this are on
 /// a lopsided target and keep their difference.
-const LOPSIDED: f64 = 0.03;
+const LOPSIDED: f64 = 0.05;
 /// A bound takes part once this much of it is used up.
 const NEAR: f64 = 0.9;
 

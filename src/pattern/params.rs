@@ -44,7 +44,7 @@ pub struct Params {
     /// Most that a corner of the outline may change its angle [degrees].
     pub corner_bound: f64,
     /// Whether panels that mirror one another stay mirror images, where the target makes their
-    /// edges less than 3% different.
+    /// edges less than 5% different.
     pub mirror: bool,
     /// Pull of every vertex towards its original place (dimensionless): settles where each
     /// panel lies, nothing else.

@@ -131,7 +131,7 @@ class PatternSettings(CoreModel):
     #: Most that a corner of the outline may change its angle [degrees].
     corner_bound: Number = 2.99
     #: Whether panels that mirror one another stay mirror images, where the target makes their edges less than
-    #: 3% different.
+    #: 5% different.
     mirror: bool = True
     #: Pull of every vertex towards its original place (dimensionless): settles where each panel lies, nothing
     #: else.
