@@ -1,6 +1,7 @@
 //! What was achieved: the certificate of every garment, at rest and in poses.
 
-use super::{Draped, Error, Settings};
+use super::layers::Draped;
+use super::{Error, Settings};
 use crate::certificate::{self, Certificate, posed};
 use crate::geometry::OuterSkin;
 use crate::model::{Character, Garment, Outfit, Skin, TriMesh, Vec2};

@@ -1,6 +1,7 @@
 //! Skin weights of every garment, refined together: the body is posed once for all.
 
-use super::{Draped, Error, Progress, Settings};
+use super::layers::Draped;
+use super::{Error, Progress, Settings};
 use crate::geometry::OuterSkin;
 use crate::model::{Character, Garment, Outfit, Skin, Vec3};
 use crate::pose;

@@ -1,6 +1,7 @@
 //! The body's blend shapes on every garment, details included.
 
-use super::{Draped, Settings};
+use super::Settings;
+use super::layers::Draped;
 use crate::geometry::OuterSkin;
 use crate::model::{BlendShape, Character, Garment, Vec3};
 use crate::proxy::Proxy;
