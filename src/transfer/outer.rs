@@ -139,7 +139,9 @@ impl Body<'_> {
             let (part, next) = self.advance(device, flow, work, coarse, &mut done)?;
             let gap = self.gap(&next.points);
             done.gaps.push(gap);
-            let reached = gap <= params.gap_p99 && !(work == Work::Band && must_refine(params));
+            // A small gap is asked for in the mean as well, and a closing costs next to nothing.
+            let rough = must_refine(params) && matches!(work, Work::Band | Work::Refine);
+            let reached = gap <= params.gap_p99 && !rough;
             let stalled = gap > STALLED * last && work == Work::Close;
             if reached || gap < last {
                 (self.drift, last) = (next, gap);
