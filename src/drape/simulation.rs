@@ -292,7 +292,7 @@ impl<'a> Simulation<'a> {
     pub(super) fn loosen(&mut self, h: f64, rings: usize) -> Result<StepInfo, Error> {
         self.offsets.turn(&self.x);
         self.contact.loosen(&self.points(), rings);
-        self.at_rest(h, Until { most: PUSH_ITERATIONS, ..self.to_tolerance() })
+        self.at_rest(h, self.to_relaxed())
     }
 
     /// An iteration towards the aims of points inside of solids, nothing else in the way.

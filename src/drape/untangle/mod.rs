@@ -10,8 +10,7 @@
 //! 3. *Push*: springs on all that is tangled ([`super::contact::aim`]) against barriers and
 //!    continuous collision detection on all that is clean, a few iterations at a time. What stays
 //!    tangled is now and then *carried* out of slots that are too narrow for it
-//!    ([`super::contact::pinch`]) or, if it is in none, *loosened*: an equilibrium with nothing in
-//!    the way around it.
+//!    ([`super::contact::pinch`]) or *loosened*: an equilibrium with nothing in the way around it.
 //! 4. *Relax*, after a draw: an equilibrium without friction, since the way through the body
 //!    left stretch behind that friction would keep.
 //!
@@ -28,6 +27,9 @@ const DEEP: f64 = 0.01;
 const PATIENCE: usize = 8;
 /// Rings of edges around what is tangled that are loosened, more each time.
 const RINGS: usize = 2;
+/// Step in which cloth is loosened [s]: with the inertia of a push a crumple would stay one, for it
+/// is held stronger than by its bending.
+const LOOSE: f64 = 1.0;
 /// Most iterations of a draw.
 const MOST_DRAWS: usize = 40;
 
@@ -60,7 +62,7 @@ pub(super) fn push_out(
             break;
         }
         if i % PATIENCE == PATIENCE - 1 {
-            free(simulation, h, info)?;
+            free(simulation, info)?;
         }
         let step = simulation.push(h)?;
         count(info, &step);
@@ -74,14 +76,15 @@ pub(super) fn push_out(
     Ok(false)
 }
 
-/// Carries what stays tangled out of slots or, where it is in none, loosens it: the more of the cloth
-/// around it, the longer it has been tangled.
-fn free(simulation: &mut Simulation<'_>, h: f64, info: &mut Info) -> Result<(), Error> {
-    let step = if let Some(step) = simulation.carry_out(FRAME)? {
-        info.carries += 1;
-        step
-    } else {
-        simulation.loosen(h, RINGS * (1 + info.push_steps / PATIENCE))?
+/// By turns carries what stays tangled out of slots and loosens it (always where it is in none): the
+/// more of the cloth around it, the longer it has been tangled.
+fn free(simulation: &mut Simulation<'_>, info: &mut Info) -> Result<(), Error> {
+    let turn = info.push_steps / PATIENCE;
+    let carried = if turn.is_multiple_of(2) { simulation.carry_out(FRAME)? } else { None };
+    info.carries += usize::from(carried.is_some());
+    let step = match carried {
+        Some(step) => step,
+        None => simulation.loosen(LOOSE, RINGS * (1 + turn))?,
     };
     count(info, &step);
     simulation.reclassify();
