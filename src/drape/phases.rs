@@ -151,7 +151,13 @@ fn repair(
             break;
         }
         void_steps(info);
+        let tangled = !simulation.contact.tangles().is_clean();
         frame(simulation, params, info, &mut |_, _| {})?;
+        if tangled && simulation.contact.tangles().is_clean() {
+            // The frame did what pushes should have done; what counts is how cloth holds after it.
+            void_steps(info);
+            frame(simulation, params, info, &mut |_, _| {})?;
+        }
         if params.settle && simulation.contact.tangles().is_clean() {
             return settle(simulation, params, info, progress);
         }

@@ -76,11 +76,11 @@ pub(super) fn push_out(
     Ok(false)
 }
 
-/// By turns carries what stays tangled out of slots and loosens it (always where it is in none): the
-/// more of the cloth around it, the longer it has been tangled.
+/// Carries what stays tangled out of slots or, every third time and where it is in none, loosens it:
+/// the more of the cloth around it, the longer it has been tangled.
 fn free(simulation: &mut Simulation<'_>, info: &mut Info) -> Result<(), Error> {
     let turn = info.push_steps / PATIENCE;
-    let carried = if turn.is_multiple_of(2) { simulation.carry_out(FRAME)? } else { None };
+    let carried = if turn % 3 < 2 { simulation.carry_out(FRAME)? } else { None };
     info.carries += usize::from(carried.is_some());
     let step = match carried {
         Some(step) => step,
