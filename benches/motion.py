@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """A dressed body in motion: garments simulated, and what they cross in every frame.
 
-    DRESSFORM_PEERS=... motion.py DRESSED OUT [--frames 1000] [--judge 50] [--settings JSON]
+    DRESSFORM_PEERS=... motion.py DRESSED OUT [--frames 1000] [--only NAME ...] [--judge 50] [--settings JSON]
 
 Walks in place: thighs and knees swing, arms swing, the spine turns; legs by up to 25 degrees, arms
 by up to 20. Writes the animated stage and the simulation beside OUT, tells on stderr how far it is,
@@ -45,8 +45,8 @@ SWINGS = (
 PERIOD = 26.0
 
 
-def animate(dressed: Path, out: Path, frames: int) -> None:
-    """A layer over ``dressed`` with an animation of its skeleton."""
+def animate(dressed: Path, out: Path, frames: int, only: list[str]) -> None:
+    """A layer over ``dressed`` with an animation of its skeleton, and ``only`` these garments if any."""
     layer = Sdf.Layer.CreateNew(str(out)) if not out.exists() else Sdf.Layer.FindOrOpen(str(out))
     layer.Clear()
     layer.subLayerPaths = [str(dressed.resolve())]
@@ -82,6 +82,9 @@ def animate(dressed: Path, out: Path, frames: int) -> None:
         rotations.Set(Vt.QuatfArray(posed), frame)
     binding = UsdSkel.BindingAPI.Apply(skeleton.GetPrim())
     binding.CreateAnimationSourceRel().SetTargets([animation.GetPath()])
+    for garment in read_outfit(dressed).garments:
+        if only and garment.name not in only:
+            stage.OverridePrim(garment.path).SetActive(False)
     layer.Save()
 
 
@@ -122,11 +125,12 @@ def main() -> None:
     parser.add_argument("dressed", type=Path)
     parser.add_argument("out", type=Path)
     parser.add_argument("--frames", type=int, default=1000)
+    parser.add_argument("--only", nargs="*", default=[], metavar="NAME", help="garments; all by default")
     parser.add_argument("--judge", type=int, default=50, metavar="EVERY")
     parser.add_argument("--settings", type=json.loads, default={})
     options = parser.parse_args()
     moving = options.out.with_name(f"{options.out.stem}.moving.usda")
-    animate(options.dressed, moving, options.frames)
+    animate(options.dressed, moving, options.frames, options.only)
     told = 0.0
 
     def tell(stage: str, share: float) -> None:
