@@ -95,15 +95,7 @@ fn fall(fabric: &Fabric, h: f64, (waves, face): (f64, f64)) -> Fall {
         rest_tolerance: 0.05,
         ..Params::default()
     };
-    let input = Input {
-        garment: &garment,
-        points: &garment.points,
-        pattern: &garment.pattern,
-        colliders: &[],
-        layers: &[],
-        pinned: &held,
-        held: &[],
-    };
+    let input = Input { pinned: &held, ..Input::alone(&garment) };
     let out = drape::run(&Device::cpu(), &input, &params).expect("the disc drapes");
     let clamped = std::f64::consts::PI * PEDESTAL * PEDESTAL;
     let ring = std::f64::consts::PI * DISC * DISC - clamped;

@@ -81,15 +81,7 @@ fn candidates() -> Vec<(&'static str, Box<Run>)> {
 fn drape(problem: &Problem, watch: &mut Watch) -> Vec<Vec3> {
     let held: Vec<u32> = (0..).zip(&problem.held).filter(|(_, h)| **h).map(|(v, _)| v).collect();
     let garment = &problem.garment;
-    let input = Input {
-        garment,
-        points: &garment.points,
-        pattern: &garment.pattern,
-        colliders: &[],
-        layers: &[],
-        pinned: &held,
-        held: &[],
-    };
+    let input = Input { pinned: &held, ..Input::alone(garment) };
     let params = Params { frames: 0, rest_tolerance: BARS[2], ..Params::default() };
     let output = drape::run_with_progress(&Device::cpu(), &input, &params, &mut |moment| {
         let net = watch.aside(|| problem.potential(&moment.points()).net);

@@ -9,7 +9,7 @@ use common::devices;
 use dressform::device::Device;
 use dressform::drape::{self, Input, Output, Params};
 use dressform::geometry::Surface;
-use dressform::model::{Fabric, Garment, GarmentSource, Panel, TriMesh, Vec2, Vec3};
+use dressform::model::{Fabric, Garment, GarmentSource, TriMesh, Vec2, Vec3};
 
 /// Edge of the sheet [m], cells along it, and radius of the ball [m].
 const SIDE: f64 = 0.16;
@@ -33,14 +33,7 @@ fn sheet() -> Garment {
         })
         .collect();
     let place = |p: &Vec2| Vec3::new(p.x - 0.5 * SIDE, RADIUS + 0.01, p.y - 0.5 * SIDE);
-    let source = GarmentSource {
-        name: "sheet".to_owned(),
-        mesh: TriMesh { points: pattern.iter().map(place).collect(), triangles: triangles.clone() },
-        corner_pattern: triangles.iter().map(|t| t.map(|v| pattern[v as usize])).collect(),
-        panel_of_triangle: vec![0; triangles.len()],
-        panels: vec![Panel { fabric: Fabric::default(), ..Panel::default() }],
-        ..GarmentSource::default()
-    };
+    let source = GarmentSource::sheet("sheet", &pattern, &triangles, &Fabric::default(), place);
     Garment::from_source(source).expect("a sheet is a garment")
 }
 
@@ -72,15 +65,7 @@ fn ball() -> Surface {
 fn settled(device: &Device) -> Output {
     let (garment, body) = (sheet(), ball());
     let clamped: Vec<u32> = (0..=CELLS).collect();
-    let input = Input {
-        garment: &garment,
-        points: &garment.points,
-        pattern: &garment.pattern,
-        colliders: &[&body],
-        layers: &[],
-        pinned: &clamped,
-        held: &[],
-    };
+    let input = Input { colliders: &[&body], pinned: &clamped, ..Input::alone(&garment) };
     let out = drape::run(device, &input, &Params::default()).expect("the sheet drapes");
     assert!(out.info.converged && out.info.at_rest, "{:?}", out.info);
     out

@@ -3,7 +3,7 @@
 use dressform::device::Device;
 use dressform::drape::cloth::{Cloth, Options};
 use dressform::drape::elastic::Elastic;
-use dressform::model::{Fabric, Garment, GarmentSource, Panel, TriMesh, Vec2, Vec3};
+use dressform::model::{Fabric, Garment, GarmentSource, Vec2, Vec3};
 
 use crate::disc;
 
@@ -72,14 +72,7 @@ impl Problem {
             [[a, b, d], [a, d, c]]
         };
         let triangles: Vec<[u32; 3]> = (0..n * (n - 1)).filter(|k| k % n != n - 1).flat_map(square).collect();
-        let source = GarmentSource {
-            name: "sheet".to_owned(),
-            mesh: TriMesh { points: pattern.iter().map(place).collect(), triangles: triangles.clone() },
-            corner_pattern: triangles.iter().map(|t| t.map(|v| pattern[v as usize])).collect(),
-            panel_of_triangle: vec![0; triangles.len()],
-            panels: vec![Panel { fabric: Fabric::default(), ..Panel::default() }],
-            ..GarmentSource::default()
-        };
+        let source = GarmentSource::sheet("sheet", &pattern, &triangles, &Fabric::default(), place);
         let garment = Garment::from_source(source).expect("a sheet is a garment");
         let corner = |v: &u32| {
             let p = garment.pattern[*v as usize];

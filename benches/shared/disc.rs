@@ -1,6 +1,6 @@
 //! The disc of Cusick's drape test: 15 cm in radius, clamped between two discs of 9 cm.
 
-use dressform::model::{Fabric, Garment, GarmentSource, Panel, TriMesh, Vec2, Vec3};
+use dressform::model::{Fabric, Garment, GarmentSource, Vec2, Vec3};
 
 /// Radius of the cloth [m].
 pub const DISC: f64 = 0.15;
@@ -65,14 +65,7 @@ pub fn garment(fabric: &Fabric, h: f64, waves: f64, face: f64) -> Garment {
         let out = (p.norm() - PEDESTAL).max(0.0) / (DISC - PEDESTAL);
         Vec3::new(p.x, face * 1e-4 * out * (waves * p.y.atan2(p.x) + 40.0 * p.x).sin(), -p.y)
     };
-    let source = GarmentSource {
-        name: fabric.name.clone(),
-        mesh: TriMesh { points: pattern.iter().map(place).collect(), triangles: triangles.clone() },
-        corner_pattern: triangles.iter().map(|t| t.map(|v| pattern[v as usize])).collect(),
-        panel_of_triangle: vec![0; triangles.len()],
-        panels: vec![Panel { fabric: fabric.clone(), ..Panel::default() }],
-        ..GarmentSource::default()
-    };
+    let source = GarmentSource::sheet(&fabric.name, &pattern, &triangles, fabric, place);
     Garment::from_source(source).expect("a disc is a garment")
 }
 

@@ -72,6 +72,21 @@ pub struct Input<'a> {
     pub held: &'a [hold::Band],
 }
 
+impl<'a> Input<'a> {
+    /// A garment alone, from where it is, with its own pattern.
+    pub fn alone(garment: &'a Garment) -> Input<'a> {
+        Input {
+            garment,
+            points: &garment.points,
+            pattern: &garment.pattern,
+            colliders: &[],
+            layers: &[],
+            pinned: &[],
+            held: &[],
+        }
+    }
+}
+
 /// What the drape achieved; keys of the report.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Info {

@@ -86,15 +86,7 @@ pub(super) fn sphere(radius: f64, rings: u32) -> Surface {
 
 /// The garment where its source has it.
 fn still<'a>(garment: &'a Garment, colliders: &'a [&'a Surface], layers: &'a [&'a Surface]) -> Input<'a> {
-    Input {
-        garment,
-        points: &garment.points,
-        pattern: &garment.pattern,
-        colliders,
-        layers,
-        pinned: &[],
-        held: &[],
-    }
+    Input { colliders, layers, ..Input::alone(garment) }
 }
 
 /// Vertices of the panel's row at `x` [m].

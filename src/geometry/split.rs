@@ -75,20 +75,14 @@ fn parts(t: [u32; 3], halves: &HashMap<[u32; 2], u32>, places: &[Vec3]) -> Vec<[
     match m {
         [None, None, None] => vec![t],
         [Some(a), Some(b), Some(c)] => vec![[t[0], c, b], [c, t[1], a], [b, a, t[2]], [a, b, c]],
-        [a, b, c] if [a, b, c].iter().flatten().count() == 1 => {
-            let k = if a.is_some() {
-                0
-            } else if b.is_some() {
-                1
-            } else {
-                2
-            };
+        _ if m.iter().flatten().count() == 1 => {
+            let k = m.iter().position(Option::is_some).expect("one of three");
             let ([p, q, r], middle) = (turned(k), m[k].expect("it has one"));
             vec![[p, q, middle], [p, middle, r]]
         }
         _ => {
             // Corner p is the one between the two edges that have a middle.
-            let k = (0..3).find(|&k| m[k].is_none()).expect("one of three");
+            let k = m.iter().position(Option::is_none).expect("one of three");
             let [p, q, r] = turned(k);
             let (on_rp, on_pq) = (m[(k + 1) % 3].expect("it has one"), m[(k + 2) % 3].expect("it has one"));
             let length = |a: u32, b: u32| (places[a as usize] - places[b as usize]).norm_squared();

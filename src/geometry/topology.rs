@@ -102,10 +102,10 @@ fn buckets(keys: usize, items: u32, key: impl Fn(u32) -> u32) -> (Vec<u32>, Vec<
     (starts, sorted)
 }
 
-/// The points that share an edge with each point, ascending.
-pub fn neighbours(mesh: &TriMesh) -> Vec<Vec<u32>> {
-    let mut around: Vec<Vec<u32>> = vec![Vec::new(); mesh.points.len()];
-    for t in &mesh.triangles {
+/// For each of so many `points` those that share a triangle's edge with it, ascending.
+pub fn neighbours(points: usize, triangles: &[[u32; 3]]) -> Vec<Vec<u32>> {
+    let mut around: Vec<Vec<u32>> = vec![Vec::new(); points];
+    for t in triangles {
         for k in 0..3 {
             around[t[k] as usize].extend([t[(k + 1) % 3], t[(k + 2) % 3]]);
         }

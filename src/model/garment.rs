@@ -73,6 +73,27 @@ pub struct GarmentSource {
     pub joints: Vec<String>,
 }
 
+impl GarmentSource {
+    /// A sheet: one panel of this fabric with a point of the mesh for each of the pattern, without
+    /// seams. The `pattern` is in metres, `place` says where its points are in space.
+    pub fn sheet(
+        name: &str,
+        pattern: &[Vec2],
+        triangles: &[[u32; 3]],
+        fabric: &Fabric,
+        place: impl Fn(&Vec2) -> Vec3,
+    ) -> GarmentSource {
+        GarmentSource {
+            name: name.to_owned(),
+            mesh: TriMesh { points: pattern.iter().map(place).collect(), triangles: triangles.to_vec() },
+            corner_pattern: triangles.iter().map(|t| t.map(|v| pattern[v as usize])).collect(),
+            panel_of_triangle: vec![0; triangles.len()],
+            panels: vec![Panel { fabric: fabric.clone(), ..Panel::default() }],
+            ..GarmentSource::default()
+        }
+    }
+}
+
 /// What is wrong with a [`GarmentSource`].
 #[derive(Clone, Debug, Error, PartialEq)]
 #[expect(missing_docs, reason = "the messages name the fields")]

@@ -54,7 +54,7 @@ pub fn carry(
 ) -> Vec<Option<Vec<Vec3>>> {
     let cloth = node_mesh(&Sewn::new(garment, points));
     let anchors: Vec<Anchor> = cloth.points.par_iter().map(|p| Anchor::new(body, p)).collect();
-    let neighbours = neighbours(&cloth);
+    let neighbours = neighbours(cloth.points.len(), &cloth.triangles);
     let of_shape = |shape: &BlendShape| {
         let mut of_body = vec![Vec3::zeros(); character.body.points.len()];
         shape.points.iter().zip(&shape.offsets).for_each(|(&p, offset)| of_body[p as usize] = *offset);

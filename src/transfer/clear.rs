@@ -99,7 +99,7 @@ fn search(
     skin: &Surface,
     cuts: impl Fn(&Surface) -> Vec<[u32; 2]>,
 ) -> Option<(Surface, usize)> {
-    let neighbours = neighbours(start.mesh());
+    let neighbours = neighbours(start.mesh().points.len(), &start.mesh().triangles);
     let mut at = start.mesh().points.clone();
     let mut pairs = cuts(start);
     let (mut best, mut fewest) = (None, pairs.len());

@@ -2,8 +2,7 @@
 //!
 //! Time steps see colliders that stand still ([`super::pairs`]). Between two steps the colliders
 //! go to their next place, and the cloth near them with them: a joint move along straight lines,
-//! made as far as no clean pair touches. After it the cloth is as clean
-//! as it was.
+//! made as far as no clean pair touches. After it the cloth is as clean as it was.
 
 use rayon::prelude::*;
 

@@ -13,6 +13,7 @@ use super::aim::Aim;
 use super::crossing::Tangles;
 use super::fixed::{FACING, Fixed};
 use super::pairs::{Radii, Scene};
+use crate::geometry::topology::neighbours;
 use crate::model::Vec3;
 
 /// How far cloth is carried out of a slot [m]: what is deeper, between thighs say, has to stay
@@ -27,7 +28,7 @@ const CLEAR: f64 = 1e-6;
 /// of those that several colliders ask for the farthest.
 pub fn out_of_slots(scene: &Scene<'_>, tangles: &Tangles, radii: &Radii, x: &[Vec3]) -> Vec<Aim> {
     let normals = scene.sheet.normals(x);
-    let neighbours = scene.sheet.neighbours();
+    let neighbours = neighbours(x.len(), &scene.sheet.triangles);
     let mut farthest: Vec<Option<Aim>> = vec![None; x.len()];
     for (c, collider) in scene.colliders.iter().enumerate() {
         // A sheet that faces the other way by and large has no side that is known to be outside.

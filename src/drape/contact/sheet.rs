@@ -107,16 +107,6 @@ impl Sheet {
         smooth.iter().map(|n| n.try_normalize(0.0).unwrap_or_else(Vec3::zeros)).collect()
     }
 
-    /// The contact points that share an edge with each.
-    pub fn neighbours(&self) -> Vec<Vec<u32>> {
-        let mut around = vec![Vec::new(); self.node.len()];
-        for &[p, q] in &self.edges.ends {
-            around[p as usize].push(q);
-            around[q as usize].push(p);
-        }
-        around
-    }
-
     /// Whether two sets of contact points have a node in common.
     pub fn share_node(&self, a: &[u32], b: &[u32]) -> bool {
         let node = |p: &u32| self.node[*p as usize];

@@ -19,15 +19,7 @@ fn cloth_stays_on_a_ball_that_moves_and_turns() {
     let solids = [&ball];
     let first = Surface::new(lower.welded_mesh(&lower.points));
     let layers = [&first];
-    let input = |garment, layers| Input {
-        garment,
-        points: &garment.points,
-        pattern: &garment.pattern,
-        colliders: &solids,
-        layers,
-        pinned: &[],
-        held: &[],
-    };
+    let input = |garment, layers| Input { colliders: &solids, layers, ..Input::alone(garment) };
     let inputs = [input(&lower, &[]), input(&upper, &layers)];
     let params = Params::default();
     let device = Device::cpu();
@@ -67,15 +59,7 @@ fn cloth_between_closing_solids_is_counted_and_stays_finite() {
     };
     let (floor, lid) = (plate(0.0, true), plate(0.02, false));
     let solids = [&floor, &lid];
-    let inputs = [Input {
-        garment: &garment,
-        points: &garment.points,
-        pattern: &garment.pattern,
-        colliders: &solids,
-        layers: &[],
-        pinned: &[],
-        held: &[],
-    }];
+    let inputs = [Input { colliders: &solids, ..Input::alone(&garment) }];
     let (device, params) = (Device::cpu(), Params { max_newton: 20, push_steps: 2, ..Params::default() });
     let mut follower = Follower::new(&device, &inputs, &params).unwrap();
     let shut = plate(-1e-3, false).mesh().points.clone();

@@ -149,15 +149,7 @@ fn a_tether_pulls_back_by_its_stiffness() {
 /// How far a loose tube on a cylinder comes down in 6 undamped frames [m].
 fn slide(held: &[Band]) -> f64 {
     let (garment, body) = (tube(4e-3, false), cylinder());
-    let input = Input {
-        garment: &garment,
-        points: &garment.points,
-        pattern: &garment.pattern,
-        colliders: &[&body],
-        layers: &[],
-        pinned: &[],
-        held,
-    };
+    let input = Input { colliders: &[&body], held, ..Input::alone(&garment) };
     let params = Drape { frames: 6, damping: 0.0, settle: false, ..Drape::default() };
     let out = crate::drape::run(&Device::cpu(), &input, &params).unwrap();
     assert!(out.info.converged, "{:?}", out.info);

@@ -6,11 +6,13 @@
 //!    ([`super::contact::fixed::Fixed::way_out`]) with contact switched off, which would only
 //!    hold up cloth that has centimetres to go.
 //! 2. *Lift*, for cloth that passes through a lower layer: out over the layer's folds
-//!    ([`super::contact::lift`]), with contact against the layers switched off, to an equilibrium.
+//!    ([`super::contact::lift`]), once, with contact against the layers switched off around the
+//!    tangle, to an equilibrium.
 //! 3. *Push*: springs on all that is tangled ([`super::contact::aim`]) against barriers and
 //!    continuous collision detection on all that is clean, a few iterations at a time. What stays
 //!    tangled is now and then *carried* out of slots that are too narrow for it
-//!    ([`super::contact::pinch`]) or *loosened*: an equilibrium with nothing in the way around it.
+//!    ([`super::contact::pinch`]) or *loosened*: an equilibrium with nothing of the tangled kind in the
+//!    way around it.
 //! 4. *Relax*, after a draw: an equilibrium without friction, since the way through the body
 //!    left stretch behind that friction would keep.
 //!

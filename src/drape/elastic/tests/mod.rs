@@ -77,15 +77,7 @@ pub(crate) fn garment_of(
     fabric: &Fabric,
     place: impl Fn(&Vec2) -> Vec3,
 ) -> Garment {
-    let source = GarmentSource {
-        name: "sheet".to_owned(),
-        mesh: TriMesh { points: pattern.iter().map(place).collect(), triangles: triangles.clone() },
-        corner_pattern: triangles.iter().map(|t| t.map(|v| pattern[v as usize])).collect(),
-        panel_of_triangle: vec![0; triangles.len()],
-        panels: vec![Panel { fabric: fabric.clone(), ..Panel::default() }],
-        ..GarmentSource::default()
-    };
-    Garment::from_source(source).unwrap()
+    Garment::from_source(GarmentSource::sheet("sheet", pattern, triangles, fabric, place)).unwrap()
 }
 
 /// Its cloth, with its own pattern.
