@@ -37,6 +37,7 @@ mod minimise;
 mod offsets;
 pub mod params;
 mod phases;
+mod press;
 mod setup;
 mod simulation;
 mod system;
@@ -96,6 +97,8 @@ pub struct Info {
     pub steps: usize,
     /// Steps of the settling phase.
     pub settle_steps: usize,
+    /// How many times stiffer in bending than its own the cloth was as it started to settle.
+    pub pressed: f64,
     /// Those of them that only approached rest and were not solved to the tolerance.
     pub approach_steps: usize,
     /// Steps whose minimisation did not reach its tolerance; like the two below of those since the

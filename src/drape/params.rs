@@ -18,6 +18,9 @@ pub struct Params {
     pub settle: bool,
     /// Most steps of the settling phase.
     pub settle_steps: usize,
+    /// How many times stiffer in bending than its own the cloth starts to settle where the transfer
+    /// has changed it; folds it squeezed or spread are pressed out so. 1 leaves them.
+    pub press: f64,
     /// Share of the velocity that each step behind a moving body takes away.
     pub follow_damping: f64,
     /// At rest when the largest net force on a node is below this many mean node weights.
@@ -59,6 +62,7 @@ impl Default for Params {
             damping: 0.9,
             settle: true,
             settle_steps: 60,
+            press: 64.0,
             follow_damping: 0.05,
             rest_tolerance: 0.1,
             tolerance: 5e-2,
@@ -107,6 +111,9 @@ pub(super) fn check(input: &Input<'_>, params: &Params) -> Result<(), Error> {
         if !(value.is_finite() && value > 0.0) {
             return Err(Error::Setting { name, value, rule: "finite and above 0" });
         }
+    }
+    if !(params.press.is_finite() && params.press >= 1.0) {
+        return Err(Error::Setting { name: "press", value: params.press, rule: "finite and at least 1" });
     }
     for (name, value) in [("damping", params.damping), ("follow_damping", params.follow_damping)] {
         if !(0.0..=1.0).contains(&value) {

@@ -12,7 +12,7 @@ type Progress<'a> = dyn FnMut(&Moment<'_>) + 'a;
 const GROWTH: f64 = 2.0;
 /// Longest settling step [s]: what is left of inertia then is a thousandth of a node's weight for
 /// each millimetre, and the `f32` matrix' rounding is of its size.
-const LONGEST_STEP: f64 = 1.0;
+pub(super) const LONGEST_STEP: f64 = 1.0;
 /// Shortest settling step that is still shortened [s].
 const SHORTEST_STEP: f64 = 0.01;
 /// What a minimisation on the way to the longest step must promise, see [`Until::gain`].
@@ -30,7 +30,7 @@ pub(super) fn run(
     params: &Params,
     progress: &mut Progress<'_>,
 ) -> Result<Info, Error> {
-    let mut info = Info { converged: true, ..Info::default() };
+    let mut info = Info { converged: true, pressed: 1.0, ..Info::default() };
     let tangles = simulation.contact.tangles();
     info.inside_before = tangles.inside_count();
     info.crossings_before = [tangles.crossings, tangles.own.len()];
@@ -99,7 +99,8 @@ fn frame(
 ///
 /// Steps that still grow only *approach*: their minimisations end where little is left to gain
 /// ([`APPROACH_GAIN`]), and do not count as converged ones. That of a longest step ends at the
-/// tolerance. A step that fails is repeated with a quarter of the length.
+/// tolerance. A step that fails is repeated with a quarter of the length. The first time, steps that
+/// grow are of stiffer cloth ([`press`]).
 fn settle(
     simulation: &mut Simulation<'_>,
     params: &Params,
@@ -108,6 +109,7 @@ fn settle(
 ) -> Result<(), Error> {
     let mut h = FRAME;
     let mut final_step = true;
+    let pressed = (info.settle_steps == 0).then(|| simulation.unfolded());
     for i in 0..params.settle_steps {
         simulation.v.iter_mut().for_each(|v| *v = Vec3::zeros());
         if simulation.net_force() <= params.rest_tolerance {
@@ -115,7 +117,12 @@ fn settle(
         }
         let before = simulation.state();
         let gain = if h < LONGEST_STEP { APPROACH_GAIN } else { 0.0 };
-        let step = simulation.quasi_static(h, gain)?;
+        let stiffer = pressed.as_ref().map_or(1.0, |_| simulation.press.at(h));
+        info.pressed = info.pressed.max(stiffer);
+        let step = match &pressed {
+            Some(about) if stiffer > 1.0 => simulation.pressed(h, gain, stiffer, about)?,
+            _ => simulation.quasi_static(h, gain)?,
+        };
         count(info, &step);
         if !step.converged && !step.approached && h > SHORTEST_STEP {
             simulation.restore(before);
@@ -123,7 +130,7 @@ fn settle(
             continue;
         }
         info.settle_steps += 1;
-        final_step = step.converged || !step.approached;
+        final_step = stiffer == 1.0 && (step.converged || !step.approached);
         if final_step {
             record(info, &step);
         } else {

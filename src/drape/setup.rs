@@ -5,6 +5,7 @@ use super::contact::pairs::{Radii, Scene};
 use super::contact::sheet::Sheet;
 use super::hold::ties::Hold;
 use super::offsets::Offsets;
+use super::press::Press;
 use super::simulation::{Parts, Simulation};
 use super::{Error, Input, Params, cloth, elastic};
 use crate::device::Device;
@@ -50,6 +51,7 @@ pub(super) fn simulation<'a>(
         pinned: is_pinned,
         x: garment.groups.node_points(input.points),
         stiffness: params.contact_stiffness * area,
+        press: Press::new(&cloth, garment, input.points, params.press),
     };
     Simulation::new(device, params, parts)
 }

@@ -17,6 +17,7 @@ use super::elastic::Elastic;
 use super::hold::ties::Hold;
 use super::minimise::{Problem, Until};
 use super::offsets::Offsets;
+use super::press::Press;
 use super::system::System;
 use super::{Error, Params};
 use crate::device::{Buffer, Device};
@@ -63,6 +64,8 @@ pub struct Simulation<'a> {
     pub(super) friction: Vec<f64>,
     /// Nodes that do not move.
     pub(super) pinned: Vec<bool>,
+    /// How folds are pressed out as the cloth starts to settle.
+    pub(super) press: Press,
     /// Acceleration of gravity [m/s^2].
     pub(super) gravity: Vec3,
     /// Node positions [m].
@@ -100,6 +103,7 @@ pub(super) struct Parts<'a> {
     pub x: Vec<Vec3>,
     /// A contact pair's stiffness [N/m].
     pub stiffness: f64,
+    pub press: Press,
 }
 
 impl<'a> Simulation<'a> {
@@ -119,6 +123,7 @@ impl<'a> Simulation<'a> {
             masses: parts.masses,
             friction: parts.friction,
             pinned: parts.pinned,
+            press: parts.press,
             gravity: Vec3::new(0.0, -params.gravity, 0.0),
             x: parts.x,
             v: vec![Vec3::zeros(); nodes],
@@ -207,6 +212,26 @@ impl<'a> Simulation<'a> {
     pub(super) fn quasi_static(&mut self, h: f64, gain: f64) -> Result<StepInfo, Error> {
         let most = QUASI_STATIC * self.params.max_newton;
         self.advance((&self.x.clone(), None), h, 1.0, Until { most, gain, remembers: false, stubborn: false })
+    }
+
+    /// As [`Simulation::quasi_static`] for cloth that is `stiffer` times as stiff in bending, about the
+    /// hinges' angles `about`; see [`super::press`].
+    pub(super) fn pressed(
+        &mut self,
+        h: f64,
+        gain: f64,
+        stiffer: f64,
+        about: &[f64],
+    ) -> Result<StepInfo, Error> {
+        self.elastic.press(self.device, stiffer, about)?;
+        let step = self.quasi_static(h, gain);
+        self.elastic.press(self.device, 1.0, about)?;
+        step
+    }
+
+    /// Angles of the hinges in the cloth's shape without its shorter folds [rad].
+    pub(super) fn unfolded(&self) -> Vec<f64> {
+        self.elastic.angles(&self.offsets.vertices(&self.press.smoothed(&self.x)))
     }
 
     fn to_tolerance(&self) -> Until {

@@ -230,6 +230,9 @@ class DrapeSettings(CoreModel):
     settle: bool = True
     #: Most steps of the settling phase.
     settle_steps: Count = 60
+    #: How many times stiffer in bending than its own the cloth starts to settle where the transfer has
+    #: changed it; folds it squeezed or spread are pressed out so. 1 leaves them.
+    press: Number = 64.0
     #: Share of the velocity that each step behind a moving body takes away.
     follow_damping: Number = 0.05
     #: At rest when the largest net force on a node is below this many mean node weights.

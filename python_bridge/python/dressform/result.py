@@ -111,6 +111,7 @@ class DrapeReport(_Report):
     frames: int
     steps: int
     settle_steps: int = Field(description="steps of the settling phase, of growing length")
+    pressed: float = Field(description="times the cloth's own bending stiffness as settling started")
     approach_steps: int = Field(description="those of them that only approach rest, to no tolerance")
     residual: float = Field(description="largest net force on a node over the mean weight of a node")
     kinetic_energy_j: float

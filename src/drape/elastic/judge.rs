@@ -54,6 +54,17 @@ impl Judge {
         }
     }
 
+    /// Makes bending `factor` times as stiff as the fabrics are: what is more than theirs is about
+    /// the hinges' angles `about` [rad].
+    pub fn press(&mut self, factor: f64, about: &[f64]) {
+        let root = factor.sqrt();
+        self.weights = self.elements.iter().map(|e| flat(&e.weights).map(|w| w * root)).collect();
+        for ((hinge, rest), about) in self.hinges.iter().zip(&mut self.hinge_rest).zip(about) {
+            // Two quadratics of one variable are one, about the mean of where theirs are least.
+            rest.angle = hinge.rest_angle + (1.0 - 1.0 / factor) * hinge::bend(hinge.rest_angle, *about);
+        }
+    }
+
     pub fn check(&self, points: &[Vec3]) -> Result<(), Error> {
         if points.len() != self.vertices {
             let (found, expected) = (points.len(), self.vertices);

@@ -39,7 +39,7 @@ use bytemuck::{Pod, Zeroable};
 use nalgebra::Vector3;
 use thiserror::Error;
 
-use super::cloth::Cloth;
+use super::cloth::{Cloth, Hinge};
 use crate::device::{Buffer, Device, DeviceError, Kernel};
 use crate::model::Vec3;
 use crate::solve::bsr::Bsr;
@@ -210,6 +210,35 @@ impl Elastic {
         device.write(&self.buffers.element_reference, &amounts)?;
         self.reference_energy = Some(energy);
         Ok(())
+    }
+
+    /// Makes the cloth and its seams `factor` times as stiff in bending as their fabrics are (at least
+    /// 1, which is as they are). What is more than theirs resists bends from the hinges' angles
+    /// `about` [rad], as [`Elastic::angles`] has them. Needs a [`Elastic::rebase`] before the device
+    /// can be asked.
+    ///
+    /// # Errors
+    /// The device fails.
+    pub fn press(&mut self, device: &Device, factor: f64, about: &[f64]) -> Result<(), Error> {
+        self.judge.press(factor, about);
+        let weights: Vec<[f32; 9]> = self.judge.weights.iter().map(|w| w.map(|w| w as f32)).collect();
+        let rest: Vec<[f32; 4]> = self.judge.hinge_rest.iter().map(bending::pack_rest).collect();
+        device.write(&self.buffers.element_weights, &weights)?;
+        device.write(&self.buffers.hinge_rest, &rest)?;
+        self.reference_energy = None;
+        Ok(())
+    }
+
+    /// Angles of all hinges [rad] at vertex positions [m].
+    ///
+    /// # Panics
+    /// If `points` has another length than the cloth has vertices.
+    pub fn angles(&self, points: &[Vec3]) -> Vec<f64> {
+        let angle = |hinge: &Hinge| {
+            let [edge, a, b] = hinge.edges(points);
+            hinge::angle(&edge, &a, &b)
+        };
+        self.judge.hinges.iter().map(angle).collect()
     }
 
     /// The energy [J] where the nodes are displaced by `u` [m], shape `[nodes * 3]`.

@@ -99,3 +99,27 @@ fn a_turned_scene_gives_the_turned_result() {
         assert!(apart < 1e-4, "{apart}");
     }
 }
+
+/// Of two sheets with short folds, held squeezed to a tenth less, the pressed one comes to rest with
+/// smaller bends.
+#[test]
+fn squeezed_folds_are_pressed_out() {
+    let garment = patches(24, 0.3, &[&|x, y| Vec3::new(x, 0.0, y)]);
+    let wave = |p: &Vec3| {
+        Vec3::new(0.9 * p.x, 0.012 + 0.004 * (std::f64::consts::TAU * p.x / 0.05).cos(), 0.9 * p.z)
+    };
+    let points: Vec<Vec3> = garment.points.iter().map(wave).collect();
+    let floor = ground(0.0);
+    let ends = [row(&garment, 0.0), row(&garment, 0.3)].concat();
+    let bends = |press: f64| {
+        let input = Input { points: &points, pinned: &ends, colliders: &[&floor], ..Input::alone(&garment) };
+        let out = run(&Device::cpu(), &input, &Params { press, ..Params::default() }).unwrap();
+        assert!(out.info.converged && out.info.at_rest, "{:?}", out.info);
+        assert_eq!(out.info.pressed, press);
+        let cloth = cloth::Cloth::new(&garment, &garment.pattern, &cloth::Options::default()).unwrap();
+        let angles = elastic::Elastic::new(&Device::cpu(), &cloth).unwrap().angles(&out.points);
+        (angles.iter().map(|a| a * a).sum::<f64>() / angles.len() as f64).sqrt()
+    };
+    let (left, pressed) = (bends(1.0), bends(64.0));
+    assert!(pressed < 0.95 * left, "{pressed} {left}");
+}

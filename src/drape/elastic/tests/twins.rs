@@ -71,6 +71,41 @@ fn twin_agrees_with_the_judge() {
 }
 
 #[test]
+fn pressing_adds_bending_about_another_shape_and_goes_away() {
+    let device = Device::cpu();
+    for garment in garments() {
+        let cloth = cloth_of(&garment);
+        let mut elastic = Elastic::new(&device, &cloth).unwrap();
+        let mut noise = Noise(5);
+        let mut displaced = |size: f64| {
+            let u: Vec<f32> = (0..3 * cloth.node_count).map(|_| (size * noise.next()) as f32).collect();
+            displaced(&cloth, &garment.points, &u)
+        };
+        let (shape, points) = (displaced(1e-3), displaced(1e-3));
+        let about = elastic.angles(&shape);
+        let still = device.zeros::<f32>("u", 3 * cloth.node_count).unwrap();
+        let mut gradient = |factor: f64, points: &[Vec3]| {
+            elastic.press(&device, factor, &about).unwrap();
+            assert_eq!(elastic.energy(&device, &still), Err(Error::NoReference));
+            elastic.rebase(&device, points).unwrap();
+            let (energy, gradient) = elastic.judge(points);
+            assert!((elastic.energy(&device, &still).unwrap() - energy).abs() < 1e-9 * energy);
+            gradient
+        };
+        let difference = |a: &[Vec3], b: &[Vec3]| a.iter().zip(b).map(|(a, b)| a - b).collect::<Vec<_>>();
+        let size = |g: &[Vec3]| g.iter().map(Vec3::norm).fold(0.0, f64::max);
+        let (own, three, nine) = (gradient(1.0, &points), gradient(3.0, &points), gradient(9.0, &points));
+        let (two, eight) = (difference(&three, &own), difference(&nine, &own));
+        let four_times: Vec<Vec3> = two.iter().map(|g| 4.0 * g).collect();
+        assert!(size(&difference(&eight, &four_times)) < 1e-9 * size(&eight), "linear in what is added");
+        // Where the cloth has the angles that it is pressed to, only its own forces are left.
+        let at_shape = difference(&gradient(9.0, &shape), &gradient(1.0, &shape));
+        assert!(size(&at_shape) < 1e-9 * size(&eight));
+        assert_eq!(gradient(1.0, &points), own);
+    }
+}
+
+#[test]
 fn small_changes_of_energy_are_not_lost() {
     // Far below f32's resolution of the total, the change still follows the gradient.
     let device = Device::cpu();
