@@ -6,9 +6,8 @@
 //! continuous collision detection over the path says how far they may go ([`super::contact`]).
 
 use super::Error;
-use super::contact::narrow::Contacts;
-use super::contact::stencil::Stencil;
 use super::history::History;
+use super::objective::{Here, Problem};
 use super::simulation::{Simulation, StepInfo};
 use crate::model::Vec3;
 use crate::solve::cg::CgParams;
@@ -19,8 +18,9 @@ const ARMIJO: f64 = 1e-4;
 /// Shortest share of a Newton step that is tried.
 const SHORTEST: f64 = 1e-7;
 /// Share of what is free that a stubborn minimisation moves by where nothing brings the objective
-/// down.
+/// down, and the shortest share that it tries before.
 const NUDGE: f64 = 0.25;
+const SHORTEST_STUBBORN: f64 = 0.05;
 /// Residual, in mean node weights, from which on the history is kept.
 const NEAR: f64 = 1.0;
 /// Share of what the slope promises that must come for a search to go on beyond a whole step; an
@@ -32,14 +32,6 @@ const FARTHEST: f64 = 16.0;
 const LONG: usize = 60;
 /// Energies closer than this share of themselves are equal up to rounding.
 const ROUNDING: f64 = 1e-14;
-
-/// What a step minimises over.
-pub(super) struct Problem {
-    pub start: Vec<Vec3>,
-    pub target: Vec<Vec3>,
-    pub inertia: f64,
-    pub friction: Vec<Stencil>,
-}
 
 /// Where a minimisation ends besides its tolerance.
 #[derive(Clone, Copy, Debug)]
@@ -68,17 +60,6 @@ struct Descent {
     most: f64,
 }
 
-/// The objective and its gradient at one configuration.
-pub(super) struct Here {
-    vertices: Vec<Vec3>,
-    points: Vec<Vec3>,
-    moved: Vec<Vec3>,
-    energy: f64,
-    pub gradient: Vec<Vec3>,
-    contacts: Contacts,
-    held: Vec<Stencil>,
-}
-
 impl Simulation<'_> {
     /// Minimises from where the nodes are, or `guess` from there if the objective is lower where that
     /// leads freely; where the nodes would be, and what was achieved.
@@ -88,13 +69,13 @@ impl Simulation<'_> {
         guess: Option<&[Vec3]>,
         until: Until,
     ) -> Result<(Vec<Vec3>, StepInfo), Error> {
-        let mut x = self.x.clone();
-        let mut here = self.evaluate(&x, problem);
+        let mut here = self.evaluate(self.x.clone(), problem);
         if let Some(guess) = guess {
-            let found = self.go(&x, guess, self.free_share(&here, guess, 1.0), problem);
-            // Pairs may have been searched anew there.
-            let better = found.1.energy < here.energy;
-            (x, here) = if better { found } else { self.go(&x, guess, 0.0, problem) };
+            let share = self.free_share(&here, guess, 1.0);
+            here = match self.go(&here, guess, share, problem, here.energy) {
+                Some(there) => there,
+                None => self.come_back(here, problem),
+            };
         }
         let first = here.energy;
         let mut info = StepInfo::default();
@@ -103,22 +84,22 @@ impl Simulation<'_> {
             info.residual = self.residual(&here.gradient);
             info.converged = info.residual <= self.params.tolerance;
             if info.converged || info.approached || info.newton >= until.most {
-                return Ok((x, info));
+                return Ok((here.x, info));
             }
-            let Some(descent) = self.descent(&x, &mut here, problem, &mut history, &mut info)? else {
-                return Ok((x, info)); // no descent in f32: as good as it gets
+            let Some(descent) = self.descent(&mut here, problem, &mut history, &mut info)? else {
+                return Ok((here.x, info)); // no descent in f32: as good as it gets
             };
             let left = -0.5 * descent.slope;
-            let Some((next, there)) = self.search(&x, &here, &descent, problem, until) else {
-                return Ok((x, info));
+            let Some(there) = self.search(&here, &descent, problem, until) else {
+                return Ok((here.x, info));
             };
             info.approached = left < until.gain * (first - there.energy);
             if (until.remembers || info.newton > LONG) && info.residual < NEAR {
-                history.push(&x, &next, &here.gradient, &there.gradient);
+                history.push(&here.x, &there.x, &here.gradient, &there.gradient);
             } else {
                 history.clear();
             }
-            (x, here) = (next, there);
+            here = there;
             info.newton += 1;
         }
     }
@@ -126,26 +107,26 @@ impl Simulation<'_> {
     /// A direction of descent, no longer than contact allows, and the slope along it.
     fn descent(
         &mut self,
-        x: &[Vec3],
         here: &mut Here,
         problem: &Problem,
         history: &mut History,
         info: &mut StepInfo,
     ) -> Result<Option<Descent>, Error> {
-        let mut direction = self.direction(x, here, problem, history, info)?;
+        let mut direction = self.direction(here, problem, history, info)?;
         let mut slope = dot(&direction, &here.gradient);
         if slope >= 0.0 && !history.is_empty() {
             history.clear();
-            direction = self.direction(x, here, problem, history, info)?;
+            direction = self.direction(here, problem, history, info)?;
             slope = dot(&direction, &here.gradient);
         }
         let length = direction.iter().map(Vec3::norm).fold(0.0, f64::max);
         if !length.is_finite() || slope >= 0.0 {
             return Ok(None);
         }
-        let (searched, longest) = self.contact.refresh(&here.points, length);
-        if searched {
+        let longest = self.contact.refresh(&here.points, length);
+        if here.search != self.contact.searches() {
             here.contacts = self.contact.contacts(&here.points);
+            here.search = self.contact.searches();
         }
         let most = longest / length;
         if most < 1.0 {
@@ -155,23 +136,22 @@ impl Simulation<'_> {
         Ok(Some(Descent { direction, slope, most: most.max(1.0) }))
     }
 
-    /// Solves for the Newton direction at `here`, where the nodes are at `x`.
+    /// Solves for the Newton direction at `here`.
     fn direction(
         &mut self,
-        x: &[Vec3],
         here: &Here,
         problem: &Problem,
         history: &History,
         info: &mut StepInfo,
     ) -> Result<Vec<Vec3>, Error> {
-        self.elastic.rebase(self.device, &here.vertices)?;
-        self.elastic.linearise(self.device, &self.rest)?;
+        self.elastic.rebase_to(self.device, &here.measured)?;
+        self.elastic.assemble_hessian(self.device, &self.rest)?;
         let stencils = [&here.contacts.stencils[..], &here.held[..], &problem.friction[..]].concat();
         let cg = CgParams { tolerance: self.params.cg_tolerance, max_iterations: self.params.max_cg };
         let (gradient, weights) = history.before(here.gradient.clone());
         let (direction, solved) = self.system.direction(
             self.device,
-            (&self.elastic, x, &here.vertices),
+            (&self.elastic, &here.x, &here.vertices),
             &stencils,
             &here.moved,
             problem.inertia,
@@ -184,52 +164,35 @@ impl Simulation<'_> {
 
     /// Backtracks until the objective falls by enough for the slope, or goes on while it falls
     /// faster than a matrix as stiff as ours says.
-    fn search(
-        &mut self,
-        x: &[Vec3],
-        here: &Here,
-        descent: &Descent,
-        problem: &Problem,
-        until: Until,
-    ) -> Option<(Vec<Vec3>, Here)> {
+    fn search(&mut self, here: &Here, descent: &Descent, problem: &Problem, until: Until) -> Option<Here> {
         let free = self.free_share(here, &descent.direction, 1.0);
+        let shortest = if until.stubborn { SHORTEST_STUBBORN } else { SHORTEST };
         let mut share = free;
-        while share > SHORTEST {
-            let (next, there) = self.go(x, &descent.direction, share, problem);
-            let allowed = ROUNDING * (here.energy.abs() + there.energy.abs());
-            if there.energy <= here.energy + ARMIJO * share * descent.slope + allowed {
-                let found = (next, there);
-                return Some(if share == 1.0 && !until.remembers {
-                    self.onward(here, descent, problem, found)
-                } else {
-                    found
-                });
+        while share > shortest {
+            let most = here.energy * (1.0 + ROUNDING) + ARMIJO * share * descent.slope;
+            if let Some(there) = self.go(here, &descent.direction, share, problem, most) {
+                let whole = share == 1.0 && !until.remembers;
+                return Some(if whole { self.onward(here, descent, problem, there) } else { there });
             }
             share *= 0.5;
         }
-        until.stubborn.then(|| self.go(x, &descent.direction, NUDGE * free, problem))
+        let nudge = NUDGE * free;
+        until.stubborn.then(|| self.go(here, &descent.direction, nudge, problem, f64::INFINITY))?
     }
 
     /// Twice as far along the direction, again and again, while that brings the objective down
     /// nearly in proportion: there the matrix is several times too stiff.
-    fn onward(
-        &mut self,
-        here: &Here,
-        descent: &Descent,
-        problem: &Problem,
-        mut best: (Vec<Vec3>, Here),
-    ) -> (Vec<Vec3>, Here) {
+    fn onward(&mut self, here: &Here, descent: &Descent, problem: &Problem, mut best: Here) -> Here {
         let mut share = 1.0;
-        let mut gain = here.energy - best.1.energy;
-        while gain > STEADY * share * -descent.slope && 2.0 * share <= FARTHEST.min(descent.most) {
-            let more = share * self.free_share(&best.1, &descent.direction, share);
-            let next = self.go(&best.0, &descent.direction, more, problem);
-            if here.energy - next.1.energy <= gain {
-                // Pairs may have been searched anew there.
-                return self.go(&best.0, &descent.direction, 0.0, problem);
-            }
+        while here.energy - best.energy > STEADY * share * -descent.slope
+            && 2.0 * share <= FARTHEST.min(descent.most)
+        {
+            let more = share * self.free_share(&best, &descent.direction, share);
+            let Some(next) = self.go(&best, &descent.direction, more, problem, best.energy) else {
+                return self.come_back(best, problem);
+            };
             share += more;
-            (gain, best) = (here.energy - next.1.energy, next);
+            best = next;
         }
         best
     }
@@ -241,41 +204,23 @@ impl Simulation<'_> {
         self.contact.free_share(&here.points, &by_point, &here.contacts)
     }
 
-    /// A share of `direction` from `x`, where nothing is in the way.
-    fn go(&mut self, x: &[Vec3], direction: &[Vec3], share: f64, problem: &Problem) -> (Vec<Vec3>, Here) {
-        let next: Vec<Vec3> = x.iter().zip(direction).map(|(x, d)| x + d * share).collect();
-        self.contact.keep_up(&self.contact_points(&next));
-        let there = self.evaluate(&next, problem);
-        (next, there)
-    }
-
-    pub(super) fn evaluate(&self, x: &[Vec3], problem: &Problem) -> Here {
-        let vertices = self.offsets.vertices(x);
-        let points = self.contact.scene.sheet.points(&vertices);
-        let moved: Vec<Vec3> = x.iter().zip(&problem.start).map(|(x, s)| x - s).collect();
-        let (mut energy, mut gradient) = self.elastic.judge(&vertices);
-        for i in 0..x.len() {
-            let m = self.masses[i] * problem.inertia;
-            let d = x[i] - problem.target[i];
-            energy += 0.5 * m * d.norm_squared();
-            gradient[i] += d * m;
+    /// A share of `direction` from `here`, where nothing is in the way, if the objective there is
+    /// at `most` so high [J].
+    fn go(
+        &mut self,
+        here: &Here,
+        direction: &[Vec3],
+        share: f64,
+        problem: &Problem,
+        most: f64,
+    ) -> Option<Here> {
+        let next = here.x.iter().zip(direction).map(|(x, d)| x + d * share).collect();
+        let placed = self.place(next, problem);
+        if placed.energy > most {
+            return None;
         }
-        let contacts = self.contact.contacts(&points);
-        let held = self.hold.stencils(x);
-        for stencil in contacts.stencils.iter().chain(&held).chain(&problem.friction) {
-            let (e, f) = stencil.evaluate(&moved);
-            energy += e;
-            for k in 0..4 {
-                gradient[stencil.nodes[k] as usize] += f * stencil.weights[k];
-            }
-        }
-        Here { vertices, points, moved, energy, gradient, contacts, held }
-    }
-
-    /// Largest force on a free node over the mean node weight.
-    pub(super) fn residual(&self, gradient: &[Vec3]) -> f64 {
-        let free = gradient.iter().zip(&self.pinned).filter(|(_, pinned)| !**pinned);
-        let worst = free.map(|(g, _)| g.norm()).fold(0.0, |a: f64, b| if b.is_nan() { b } else { a.max(b) });
-        worst / self.node_weight()
+        self.contact.keep_up(&placed.points);
+        let found = self.touch(placed, problem);
+        (found.energy <= most).then(|| self.linearise(found, problem))
     }
 }

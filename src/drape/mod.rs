@@ -34,6 +34,7 @@ pub mod follow;
 mod history;
 pub mod hold;
 mod minimise;
+mod objective;
 mod offsets;
 pub mod params;
 mod phases;

@@ -15,7 +15,8 @@ use super::contact::stencil::{Kind, Stencil};
 use super::contact::{Contact, pairs::Radii, pairs::Scene};
 use super::elastic::Elastic;
 use super::hold::ties::Hold;
-use super::minimise::{Problem, Until};
+use super::minimise::Until;
+use super::objective::Problem;
 use super::offsets::Offsets;
 use super::press::Press;
 use super::system::System;
@@ -74,8 +75,9 @@ pub struct Simulation<'a> {
     pub v: Vec<Vec3>,
     /// Lagged friction of the last step.
     lagged: Vec<Stencil>,
-    /// Displacements in the last step [m].
+    /// Displacements in the last step [m], and how long that was [s].
     moved: Vec<Vec3>,
+    moved_in: f64,
     /// Forces of seam offsets on the rings that carry them, as of the last step [N].
     ring_forces: Vec<Vec3>,
 }
@@ -87,6 +89,7 @@ pub(super) struct State {
     v: Vec<Vec3>,
     lagged: Vec<Stencil>,
     moved: Vec<Vec3>,
+    moved_in: f64,
     ring_forces: Vec<Vec3>,
 }
 
@@ -129,6 +132,7 @@ impl<'a> Simulation<'a> {
             v: vec![Vec3::zeros(); nodes],
             lagged: Vec::new(),
             moved: vec![Vec3::zeros(); nodes],
+            moved_in: f64::INFINITY,
             ring_forces: vec![Vec3::zeros(); nodes],
         })
     }
@@ -140,15 +144,16 @@ impl<'a> Simulation<'a> {
             v: self.v.clone(),
             lagged: self.lagged.clone(),
             moved: self.moved.clone(),
+            moved_in: self.moved_in,
             ring_forces: self.ring_forces.clone(),
         }
     }
 
     /// Goes back to a state.
     pub(super) fn restore(&mut self, state: State) {
-        let State { x, v, lagged, moved, ring_forces } = state;
+        let State { x, v, lagged, moved, moved_in, ring_forces } = state;
         (self.x, self.v, self.lagged) = (x, v, lagged);
-        (self.moved, self.ring_forces) = (moved, ring_forces);
+        (self.moved, self.moved_in, self.ring_forces) = (moved, moved_in, ring_forces);
     }
 
     /// Contact points where the nodes are now.
@@ -182,7 +187,7 @@ impl<'a> Simulation<'a> {
             inertia: 0.0,
             friction: self.lagged.clone(),
         };
-        let here = self.evaluate(&self.x, &still);
+        let here = self.evaluate(self.x.clone(), &still);
         let net: Vec<Vec3> = (0..self.x.len()).map(|i| here.gradient[i] - self.outer_force(i)).collect();
         self.residual(&net)
     }
@@ -192,7 +197,14 @@ impl<'a> Simulation<'a> {
     /// Where the minimisation does not reach its tolerance the step is still made, and the
     /// result says so.
     pub(super) fn step(&mut self, h: f64, damping: f64) -> Result<StepInfo, Error> {
-        self.advance((&self.x.clone(), None), h, damping, self.to_tolerance())
+        let guess = self.creep(h);
+        self.advance((&self.x.clone(), Some(&guess)), h, damping, self.to_tolerance())
+    }
+
+    /// As far in `h` seconds as in the last step: what creeps goes on to do so, and friction is zero
+    /// where nothing has slipped yet.
+    pub(super) fn creep(&self, h: f64) -> Vec<Vec3> {
+        self.moved.iter().map(|m| m * (h / self.moved_in)).collect()
     }
 
     /// As [`Simulation::step`] for cloth that was at `before` at the step's start and that moving
@@ -265,6 +277,7 @@ impl<'a> Simulation<'a> {
         let problem = Problem { start: self.x.clone(), target, inertia: 1.0 / (h * h), friction };
         let (x, info) = self.minimise(&problem, guess, until)?;
         self.moved = x.iter().zip(&self.x).map(|(x, s)| x - s).collect();
+        self.moved_in = h;
         self.v = x.iter().zip(before).map(|(x, b)| (x - b) * ((1.0 - damping) / h)).collect();
         self.x = x;
         self.lagged = problem.friction;

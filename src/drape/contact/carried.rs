@@ -39,9 +39,11 @@ impl<'a> Contact<'a> {
         clean: bool,
     ) -> Vec<Fixed<'a>> {
         let before = std::mem::replace(&mut self.scene.colliders, colliders);
+        self.classified_at.clear();
         if clean && self.tangles.is_clean() {
             self.build(x);
         } else {
+            self.built_at.clear();
             self.classify(x);
         }
         before

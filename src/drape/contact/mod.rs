@@ -97,7 +97,11 @@ pub struct Contact<'a> {
     tangles: Tangles,
     pairs: Vec<Pair>,
     aims: Vec<Aim>,
+    /// Where each contact point was when its pairs were found; empty before the first search.
     built_at: Vec<Vec3>,
+    /// Where everything was last classified; empty where that counts no more.
+    classified_at: Vec<Vec3>,
+    searches: u64,
     passing: Passing,
     /// Contact points that may pass, where that are not all.
     free: Vec<bool>,
@@ -114,6 +118,8 @@ impl<'a> Contact<'a> {
             pairs: Vec::new(),
             aims: Vec::new(),
             built_at: Vec::new(),
+            classified_at: Vec::new(),
+            searches: 0,
             passing: Passing::Tangled,
             free: Vec::new(),
         };
@@ -126,9 +132,24 @@ impl<'a> Contact<'a> {
         &self.tangles
     }
 
-    /// Finds what is tangled at `x`, and all pairs anew.
+    /// How often pairs have been searched.
+    pub fn searches(&self) -> u64 {
+        self.searches
+    }
+
+    /// Finds what is tangled at `x`, and the pairs there.
     pub fn classify(&mut self, x: &[Vec3]) {
+        let held = self.passing == Passing::Tangled && !self.built_at.is_empty();
+        if held && self.classified_at == x {
+            return;
+        }
+        let was_clean = held && self.tangles.is_clean();
         self.tangles = Tangles::find(&self.scene.sheet, &self.scene.colliders, x);
+        self.classified_at = x.to_vec();
+        if was_clean && self.tangles.is_clean() {
+            self.keep_up(x); // its pairs are all clean, as they were
+            return;
+        }
         self.aims = aim::aims(&self.scene, &self.tangles, &self.radii, x);
         self.passing = Passing::Tangled;
         self.build(x);
@@ -212,6 +233,7 @@ impl<'a> Contact<'a> {
     }
 
     fn search(&mut self, among: Option<&[bool]>) {
+        self.searches += 1;
         let sides = if self.tangles.is_clean() { 1.0 } else { 2.0 };
         let beyond = Beyond { collider: sides * self.budget(), own: 2.0 * self.budget() };
         let x = &self.built_at;
@@ -249,13 +271,13 @@ impl<'a> Contact<'a> {
     }
 
     /// Searches pairs again if a move of `wanted` [m] is longer than what is left of the budget of
-    /// moves and a search would help; returns whether it did and the longest move allowed now [m].
+    /// moves and a search would help; returns the longest move allowed now [m].
     ///
     /// Moves of clean cloth may be longer than the pairs reach ([`Contact::free_share`] looks at
     /// all that is on their way); [`Contact::keep_up`] then has to follow.
-    pub fn refresh(&mut self, x: &[Vec3], wanted: f64) -> (bool, f64) {
+    pub fn refresh(&mut self, x: &[Vec3], wanted: f64) -> f64 {
         if self.passing == Passing::All {
-            return (false, LONGEST);
+            return LONGEST;
         }
         let budget = self.budget();
         let left = budget - self.moved(x);
@@ -263,10 +285,10 @@ impl<'a> Contact<'a> {
         let enough = left >= wanted.min(0.8 * budget);
         let long = wanted > budget && wanted.is_finite() && self.tangles.is_clean();
         if enough || long {
-            return (false, if long { LONGEST } else { left });
+            return if long { LONGEST } else { left };
         }
         self.build_moved(x, ASIDE[0]);
-        (true, budget - self.moved(x))
+        budget - self.moved(x)
     }
 
     /// Searches pairs again at `x` if it is farther away than their budget.

@@ -41,13 +41,15 @@ pub fn contacts(
     stiffness: f64,
     moves: &[f64],
 ) -> Contacts {
+    let longest = moves.iter().copied().fold(0.0, f64::max);
     let parts: Vec<Contacts> = pairs
         .par_chunks(CHUNK)
         .map(|chunk| {
             let mut part = Contacts { stencils: Vec::new(), distances: Vec::with_capacity(chunk.len()) };
             for pair in chunk {
-                let least = pair.found_at - nearer(scene, pair, moves);
-                if least > pair.radius && matches!(pair.mode, Mode::Clean) {
+                if matches!(pair.mode, Mode::Clean)
+                    && let Some(least) = still_apart(scene, pair, moves, longest)
+                {
                     part.distances.push(least);
                     continue;
                 }
@@ -73,6 +75,18 @@ pub fn contacts(
     let springs = aims.par_iter().filter_map(|aim| aim.stencil(&scene.sheet.node, x, stiffness));
     all.stencils.par_extend(springs);
     all
+}
+
+/// A lower bound of a pair's distance [m] if that is beyond its radius, by how far its points have
+/// moved, the `longest` [m] if that is enough to say so.
+fn still_apart(scene: &Scene<'_>, pair: &Pair, moves: &[f64], longest: f64) -> Option<f64> {
+    let sides = if pair.role.is_own() { 2.0 } else { 1.0 };
+    let rough = pair.found_at - sides * longest;
+    if rough > pair.radius {
+        return Some(rough);
+    }
+    let least = pair.found_at - nearer(scene, pair, moves);
+    (least > pair.radius).then_some(least)
 }
 
 /// How much nearer a pair can have come by the `moves` of its points [m].

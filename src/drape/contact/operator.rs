@@ -164,7 +164,10 @@ fn pack(s: &Stencil) -> Packed {
 /// For each node, the places (4 times the stencil, plus the slot) where it has a weight.
 fn incidence(nodes: usize, list: &[Stencil]) -> (Vec<u32>, Vec<u32>) {
     let mut start = vec![0u32; nodes + 1];
-    let places = |s: &Stencil| (0..4).filter(|&k| s.weights[k] != 0.0).collect::<Vec<_>>();
+    fn places(s: &Stencil) -> impl Iterator<Item = usize> {
+        let weights = s.weights;
+        (0..4).filter(move |&k| weights[k] != 0.0)
+    }
     for s in list {
         for k in places(s) {
             start[s.nodes[k] as usize + 1] += 1;

@@ -59,23 +59,41 @@ impl Stencil {
     /// Energy [J] and force vector [N], in f64; `moved` are the displacements since the start
     /// of the step (friction).
     pub fn evaluate(&self, moved: &[Vec3]) -> (f64, Vec3) {
+        (self.energy(moved), self.force(moved))
+    }
+
+    /// Energy [J], see [`Stencil::evaluate`].
+    pub fn energy(&self, moved: &[Vec3]) -> f64 {
         match self.kind {
-            Kind::Barrier | Kind::Spring => {
-                let (e, g, _) = self.jet(self.gap);
-                (e, self.normal * g)
-            }
-            Kind::Friction => {
-                let s = self.relative(moved);
-                let slip = s - self.normal * self.normal.dot(&s);
-                let (f0, f1_over_y, _) = activation::friction(slip.norm(), self.radius);
-                (self.stiffness * f0, slip * (self.stiffness * f1_over_y))
-            }
-            Kind::Force => (0.0, self.normal * self.stiffness),
-            Kind::Tension => {
-                let longer = (self.gap - self.radius).max(0.0);
-                (0.5 * self.stiffness * longer * longer, self.normal * (self.stiffness * longer))
-            }
+            Kind::Barrier | Kind::Spring => self.jet(self.gap).0,
+            Kind::Friction => self.stiffness * activation::friction(self.slip(moved).norm(), self.radius).0,
+            Kind::Force => 0.0,
+            Kind::Tension => 0.5 * self.stiffness * self.longer() * self.longer(),
         }
+    }
+
+    /// Force vector [N], see [`Stencil::evaluate`].
+    pub fn force(&self, moved: &[Vec3]) -> Vec3 {
+        match self.kind {
+            Kind::Barrier | Kind::Spring => self.normal * self.jet(self.gap).1,
+            Kind::Friction => {
+                let slip = self.slip(moved);
+                slip * (self.stiffness * activation::friction(slip.norm(), self.radius).1)
+            }
+            Kind::Force => self.normal * self.stiffness,
+            Kind::Tension => self.normal * (self.stiffness * self.longer()),
+        }
+    }
+
+    /// The relative displacement across the normal [m].
+    fn slip(&self, moved: &[Vec3]) -> Vec3 {
+        let s = self.relative(moved);
+        s - self.normal * self.normal.dot(&s)
+    }
+
+    /// By how much it is longer than its slack length [m].
+    fn longer(&self) -> f64 {
+        (self.gap - self.radius).max(0.0)
     }
 
     /// Normal force of a contact [N].

@@ -18,33 +18,39 @@ pub fn bounds(points: &[Vec3], margin: f64) -> Bounds {
 }
 
 /// A box in `f32`, rounded outwards: half the memory to walk through, and never less than the box.
+/// Of four lanes, the last zero, so that two boxes are compared by vectors.
 #[derive(Clone, Copy, Debug)]
+#[repr(align(16))]
 struct Small {
-    lo: [f32; 3],
-    hi: [f32; 3],
+    lo: [f32; 4],
+    hi: [f32; 4],
 }
 
 impl From<&Bounds> for Small {
     fn from((lo, hi): &Bounds) -> Small {
-        // A step in the last place and more, without asking which way `v` was rounded.
+        let lanes = |v: &Vec3| [v.x as f32, v.y as f32, v.z as f32, 0.0];
+        // A step in the last place and more, without asking which way a number was rounded.
         let step = |v: f32| v.abs() * f32::EPSILON + f32::MIN_POSITIVE;
-        let down = |v: f64| v as f32 - step(v as f32);
-        let up = |v: f64| v as f32 + step(v as f32);
-        Small { lo: [down(lo.x), down(lo.y), down(lo.z)], hi: [up(hi.x), up(hi.y), up(hi.z)] }
+        Small { lo: lanes(lo).map(|v| v - step(v)), hi: lanes(hi).map(|v| v + step(v)) }
     }
 }
 
 impl Small {
     /// Without a branch for each axis, which would be mispredicted half of the time.
     fn meets(&self, other: &Small) -> bool {
-        let axis = |k: usize| (self.lo[k] <= other.hi[k]) & (other.lo[k] <= self.hi[k]);
-        axis(0) & axis(1) & axis(2)
+        let mut apart = [false; 4];
+        for k in 0..4 {
+            apart[k] = (self.lo[k] > other.hi[k]) | (other.lo[k] > self.hi[k]);
+        }
+        apart == [false; 4]
     }
 
     fn with(&self, other: &Small) -> Small {
+        let least = |a: f32, b: f32| if a < b { a } else { b };
+        let most = |a: f32, b: f32| if a > b { a } else { b };
         Small {
-            lo: std::array::from_fn(|k| self.lo[k].min(other.lo[k])),
-            hi: std::array::from_fn(|k| self.hi[k].max(other.hi[k])),
+            lo: std::array::from_fn(|k| least(self.lo[k], other.lo[k])),
+            hi: std::array::from_fn(|k| most(self.hi[k], other.hi[k])),
         }
     }
 }

@@ -253,19 +253,21 @@ fn bend_blocks(args: &mut HostArgs<'_>) {
     let derivatives = args.read::<f32>(2);
     let upper = args.write::<[f32; 9]>(3);
     upper.par_iter_mut().with_min_len(GRAIN).enumerate().for_each(|(block, out)| {
-        let mut sum = [0.0f32; 9];
+        let mut sum = [[0.0f32; 4]; 3];
         for &item in &items[start[block] as usize..start[block + 1] as usize] {
             let d = &derivatives[bending::DERIVATIVES * (item / 64) as usize..][..bending::DERIVATIVES];
             let a = &d[3 + 9 * (item / 8 % 8) as usize..][..9];
             let b = &d[3 + 9 * (item % 8) as usize..][..9];
+            // A fourth column of zeros makes every row one vector.
+            let b = [0, 3, 6].map(|k| [b[k], b[k + 1], b[k + 2], 0.0]);
             for r in 0..3 {
-                for c in 0..3 {
-                    sum[3 * r + c] += a[r] * b[c] + a[3 + r] * b[3 + c] + a[6 + r] * b[6 + c];
+                for c in 0..4 {
+                    sum[r][c] += a[r] * b[0][c] + a[3 + r] * b[1][c] + a[6 + r] * b[2][c];
                 }
             }
         }
         for k in 0..9 {
-            out[k] += sum[k];
+            out[k] += sum[k / 3][k % 3];
         }
     });
 }

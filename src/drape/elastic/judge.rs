@@ -27,11 +27,12 @@ pub(super) struct Judge {
     node_of_vertex: Vec<u32>,
 }
 
-/// What a device needs of a reference.
-pub(super) struct Measured {
-    pub stretch: Vec<StretchReference<f64>>,
-    pub hinge_edges: Vec<[Vec3; 3]>,
-    pub amounts: Vec<[f64; 3]>,
+/// Strains and bends at some positions: what a device needs of a reference, and the energy.
+pub struct Measured {
+    pub(super) stretch: Vec<StretchReference<f64>>,
+    pub(super) hinge_edges: Vec<[Vec3; 3]>,
+    pub(super) amounts: Vec<[f64; 3]>,
+    /// [J]
     pub energy: f64,
 }
 
@@ -115,21 +116,26 @@ impl Judge {
     }
 
     pub fn judge(&self, points: &[Vec3]) -> (f64, Vec<Vec3>) {
+        let measured = self.measure(points);
+        (measured.energy, self.gradient(&measured))
+    }
+
+    /// The gradient by node [N].
+    pub fn gradient(&self, measured: &Measured) -> Vec<Vec3> {
         let mut gradient = vec![Vec3::zeros(); self.nodes];
-        let energy = self.accumulate(points, |v, g| gradient[self.node_of_vertex[v as usize] as usize] += g);
-        (energy, gradient)
+        self.accumulate(measured, |v, g| gradient[self.node_of_vertex[v as usize] as usize] += g);
+        gradient
     }
 
     /// The gradient by vertex [N].
     pub fn by_vertex(&self, points: &[Vec3]) -> Vec<Vec3> {
         let mut gradient = vec![Vec3::zeros(); self.vertices];
-        self.accumulate(points, |v, g| gradient[v as usize] += g);
+        self.accumulate(&self.measure(points), |v, g| gradient[v as usize] += g);
         gradient
     }
 
-    /// Calls `add` with every element's part of the gradient at a vertex; the energy.
-    fn accumulate(&self, points: &[Vec3], mut add: impl FnMut(u32, Vec3)) -> f64 {
-        let measured = self.measure(points);
+    /// Calls `add` with every element's part of the gradient at a vertex.
+    fn accumulate(&self, measured: &Measured, mut add: impl FnMut(u32, Vec3)) {
         for (t, vertices) in self.triangles.iter().enumerate() {
             let rest = &self.stretch[t];
             let s = stretch::stretch(&measured.stretch[t], [Vec3::zeros(); 2]);
@@ -154,7 +160,6 @@ impl Judge {
                 }
             }
         }
-        measured.energy
     }
 }
 

@@ -44,7 +44,8 @@ use crate::device::{Buffer, Device, DeviceError, Kernel};
 use crate::model::Vec3;
 use crate::solve::bsr::Bsr;
 use gather::Assembly;
-use judge::{Judge, Measured};
+use judge::Judge;
+pub use judge::Measured;
 
 /// Elements that a kernel's CPU twin gives one task.
 const GRAIN: usize = 512;
@@ -200,7 +201,15 @@ impl Elastic {
     /// not finite, or the device fails.
     pub fn rebase(&mut self, device: &Device, reference: &[Vec3]) -> Result<(), Error> {
         self.judge.check(reference)?;
-        let Measured { stretch, hinge_edges, amounts, energy } = self.judge.measure(reference);
+        self.rebase_to(device, &self.judge.measure(reference))
+    }
+
+    /// As [`Elastic::rebase`] to where this was [`Elastic::measure`]d.
+    ///
+    /// # Errors
+    /// The device fails.
+    pub fn rebase_to(&mut self, device: &Device, measured: &Measured) -> Result<(), Error> {
+        let Measured { stretch, hinge_edges, amounts, energy } = measured;
         let stretch: Vec<[f32; 9]> = stretch.iter().map(membrane::pack_reference).collect();
         let edges: Vec<[f32; 9]> =
             hinge_edges.iter().map(|edges| std::array::from_fn(|i| edges[i / 3][i % 3] as f32)).collect();
@@ -208,7 +217,7 @@ impl Elastic {
         device.write(&self.buffers.triangle_reference, &stretch)?;
         device.write(&self.buffers.hinge_reference, &edges)?;
         device.write(&self.buffers.element_reference, &amounts)?;
-        self.reference_energy = Some(energy);
+        self.reference_energy = Some(*energy);
         Ok(())
     }
 
@@ -280,6 +289,24 @@ impl Elastic {
     /// # Errors
     /// As [`Elastic::energy`].
     pub fn linearise(&mut self, device: &Device, u: &Buffer<f32>) -> Result<(), Error> {
+        self.assemble_hessian(device, u)?;
+        let b = &self.buffers;
+        let nodes = self.hessian.rows;
+        let run = |kernel, buffers: &[&dyn crate::device::AnyBuffer]| {
+            device.run(kernel, nodes, &Count::new(nodes), buffers)
+        };
+        let [start, items] = &b.stretch_nodes;
+        run(&gather::STRETCH_GRADIENT, &[start, items, &b.triangle_rest, &b.stretch, &self.gradient])?;
+        let [start, items] = &b.bend_nodes;
+        run(&gather::BEND_GRADIENT, &[start, items, &b.bend, &self.gradient])?;
+        Ok(())
+    }
+
+    /// As [`Elastic::linearise`], the Hessian alone.
+    ///
+    /// # Errors
+    /// As [`Elastic::energy`].
+    pub fn assemble_hessian(&mut self, device: &Device, u: &Buffer<f32>) -> Result<(), Error> {
         self.ready(u)?;
         let b = &self.buffers;
         let run = |kernel, n: usize, buffers: &[&dyn crate::device::AnyBuffer]| {
@@ -302,11 +329,6 @@ impl Elastic {
             elements,
             &[&b.element_hinges, &b.element_weights, &b.bends, &b.bend_gradients, &b.bend],
         )?;
-        let nodes = self.hessian.rows;
-        let [start, items] = &b.stretch_nodes;
-        run(&gather::STRETCH_GRADIENT, nodes, &[start, items, &b.triangle_rest, &b.stretch, &self.gradient])?;
-        let [start, items] = &b.bend_nodes;
-        run(&gather::BEND_GRADIENT, nodes, &[start, items, &b.bend, &self.gradient])?;
         let [start, items] = &b.stretch_blocks;
         run(&gather::STRETCH_BLOCKS, b.upper.len(), &[start, items, &b.triangle_rest, &b.stretch, &b.upper])?;
         let [start, items] = &b.bend_blocks;
@@ -337,6 +359,19 @@ impl Elastic {
     /// If `points` has another length than the cloth has vertices.
     pub fn judge(&self, points: &[Vec3]) -> (f64, Vec<Vec3>) {
         self.judge.judge(points)
+    }
+
+    /// Strains and energy at vertex positions [m], in `f64`.
+    ///
+    /// # Panics
+    /// If `points` has another length than the cloth has vertices.
+    pub fn measure(&self, points: &[Vec3]) -> Measured {
+        self.judge.measure(points)
+    }
+
+    /// The energy's gradient by node [N] where it was measured, in `f64`.
+    pub fn gradient_at(&self, measured: &Measured) -> Vec<Vec3> {
+        self.judge.gradient(measured)
     }
 
     /// The energy's gradient by vertex [N] at vertex positions [m], in `f64`.

@@ -179,3 +179,52 @@ fn from_a_clean_start_nothing_crosses() {
         assert_clean(&garment, &out, &[&ball]);
     }
 }
+
+/// Adds a block over a polygon in x and y that can be seen whole from its first corner.
+fn prism(mesh: &mut TriMesh, outline: &[[f64; 2]], z: [f64; 2]) {
+    let (first, n) = (mesh.points.len() as u32, outline.len() as u32);
+    mesh.points.extend(z.iter().flat_map(|&z| outline.iter().map(move |p| Vec3::new(p[0], p[1], z))));
+    let mut add = |t: [u32; 3]| mesh.triangles.push(t.map(|i| first + i));
+    for i in 0..n {
+        let j = (i + 1) % n;
+        add([i, j, n + j]);
+        add([i, n + j, n + i]);
+    }
+    for i in 1..n - 1 {
+        add([0, i + 1, i]);
+        add([n, n + i, n + i + 1]);
+    }
+}
+
+#[test]
+fn cloth_behind_a_closed_neck_is_carried_out_of_its_slot() {
+    // A slot of 5 mm, less than two layers with their distances need, that two ridges close: pushes
+    // and loosening leave the cloth behind them where it is.
+    let half = 2.5e-3;
+    let profile = [
+        [-0.1, -0.012],
+        [-0.1, -0.08],
+        [-half, -0.08],
+        [-half, -0.02],
+        [1e-3, -0.012],
+        [-half, -4e-3],
+        [-half, 0.0],
+        [-0.1, 0.0],
+    ];
+    let mut mirrored = profile.map(|[x, y]| [-x, y]);
+    mirrored[1..].reverse();
+    let mut mesh = TriMesh { points: Vec::new(), triangles: Vec::new() };
+    prism(&mut mesh, &profile, [-0.1, 0.2]);
+    prism(&mut mesh, &mirrored, [-0.1, 0.2]);
+    let body = Surface::new(mesh);
+    assert!([-0.05, 0.05].iter().all(|x| body.winding_number(&Vec3::new(*x, -0.02, 0.0)) > 0.9));
+    let fold = |x: f64, z: f64| {
+        let s = x - 0.035;
+        Vec3::new(6e-4 * (s / 4e-3).clamp(-1.0, 1.0), s.abs() - 0.03, z)
+    };
+    let garment = patches(14, 0.07, &[&fold]);
+    let out = drape(&garment, &[&body], &[], &Params { push_steps: 8, ..weightless() });
+    assert!(out.info.crossings_before[0] > 100 && out.info.carries == 1, "{:?}", out.info);
+    assert_clean(&garment, &out, &[&body]);
+    assert!(out.points.iter().all(|p| p.y > 0.0), "all of it is out of the slot");
+}
