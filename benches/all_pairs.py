@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import math
 import subprocess
 import sys
 import time
@@ -18,7 +19,7 @@ from pathlib import Path
 
 COLUMNS = (
     "outfit | character | exit | garment | gap p99 mm | gap mean mm | outer | CG | strain change p50/p99 (pattern) "
-    "| seam mismatch | flips | drape residual | at rest | body | layer | self | depth mm | strain change p99 (draped) | seconds"
+    "| seam mismatch | flips | drape residual | at rest | body | layer | self | depth mm | strain change p99 (draped) | fold angle rms deg (source) | seconds"
 )
 
 HELD = "outfit | character | garment | held by | tension N | stretch | moved mean / max mm | settling steps"
@@ -70,7 +71,9 @@ def rows(outfit: str, character: str, result: dict) -> list[str]:
             f"{d['residual']:.2g}{'' if d['converged'] else ' (not converged)'}",
             "yes" if d["at_rest"] else "no",
             str(c["body_intersections"]), str(c["layer_intersections"]), str(c["self_intersections"]),
-            f"{c['body_penetration_max_m'] * 1e3:.2f}", f"{c['strain_change_p99']:.3f}", f"{result['wall']:.0f}",
+            f"{c['body_penetration_max_m'] * 1e3:.2f}", f"{c['strain_change_p99']:.3f}",
+            f"{math.degrees(c['fold_angle_rms']):.0f} ({math.degrees(c['source_fold_angle_rms']):.0f})",
+            f"{result['wall']:.0f}",
         ]  # fmt: skip
         lines.append("| " + " | ".join(cells) + " |")
     if not lines:

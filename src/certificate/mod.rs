@@ -6,11 +6,13 @@
 //!   the source bodies, for comparison.
 //! - **Penetration**: the vertex deepest inside the body, by winding number and distance.
 //! - **Strain** ([`strain`]) along warp and weft, and its change against the source.
+//! - **Folds** ([`folds`]): how far neighbouring triangles are bent, against the source.
 //! - **Poses** ([`posed`]): how the garment follows its body.
 //! - **Seams**: whether sewn vertices are where they are sewn and follow the same joints.
 //!
 //! [`Thresholds`] say which figures are too large, in words.
 
+pub mod folds;
 pub mod posed;
 pub mod strain;
 mod thresholds;
@@ -76,6 +78,10 @@ pub struct Certificate {
     pub strain_shear: [f64; 3],
     /// Largest entry of |S_target - S_source| at 99 percent of the area.
     pub strain_change_p99: f64,
+    /// Root mean square of the angles between neighbouring triangles of a panel [rad].
+    pub fold_angle_rms: f64,
+    /// `fold_angle_rms` of the source garment: cloth with much more is crumpled.
+    pub source_fold_angle_rms: f64,
     /// `body_intersections` of the source garment on its source body.
     pub source_body_intersections: usize,
     /// `layer_intersections` of the source garment with those on the same source body.
@@ -112,6 +118,8 @@ pub fn measure(input: &Input<'_>) -> Vec<Certificate> {
             source_body_intersections: source.body,
             source_layer_intersections: source.layer,
             source_self_intersections: source.own,
+            fold_angle_rms: folds::angle_rms(&d.garment.triangles, d.points),
+            source_fold_angle_rms: folds::angle_rms(&d.garment.triangles, &d.garment.points),
             body_penetration_max_m: penetration(input.body, d.points),
             seam_gap_max_m: seam_gap(d),
             weight_sum_error_max: d.skin.map(weight_sum_error),

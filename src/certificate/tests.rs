@@ -1,3 +1,5 @@
+use std::f64::consts::FRAC_PI_4;
+
 use super::*;
 use crate::model::{AuthoredSeam, GarmentSource, Panel, TriMesh};
 
@@ -124,6 +126,22 @@ fn a_stretched_sheet_has_its_strain() {
     let s = v.transpose() * nalgebra::Matrix2::from_diagonal(&svd.singular_values) * v;
     assert!((c.strain_change_p99 - (s - nalgebra::Matrix2::identity()).amax()).abs() < 1e-12);
     assert_eq!(c.weight_sum_error_max, None);
+}
+
+#[test]
+fn folds_are_measured_inside_of_panels() {
+    let garment = sheet(2, 0.1, false);
+    // Bent by a right angle at the seam (which does not count), and by half of it at x = 0.1.
+    let turned = |p: &Vec3| {
+        let (a, b) = ((p.x - 0.1).clamp(0.0, 0.1), (p.x - 0.2).max(0.0));
+        let (c, s) = (FRAC_PI_4.cos(), FRAC_PI_4.sin());
+        Vec3::new(p.x.min(0.1) + a * c - b * s, a * s + b * c, p.z)
+    };
+    let points: Vec<Vec3> = garment.points.iter().map(turned).collect();
+    let c = one(&garment, &points, None, &far_block());
+    // Of the 8 inner edges of each panel 2 are bent, in the first panel only.
+    assert!((c.fold_angle_rms - FRAC_PI_4 * (2.0f64 / 16.0).sqrt()).abs() < 1e-12, "{}", c.fold_angle_rms);
+    assert_eq!(c.source_fold_angle_rms, 0.0);
 }
 
 #[test]

@@ -208,6 +208,10 @@ class Certificate(_Report):
     strain_weft: Percentiles
     strain_shear: Percentiles
     strain_change_p99: float
+    fold_angle_rms: float = Field(
+        description="root mean square of the angles between neighbouring triangles of a panel [rad]"
+    )
+    source_fold_angle_rms: float = Field(description="the same on the source: much more is crumpled")
     source_self_intersections: int
     seam_gap_max_m: float
     weight_sum_error_max: float
