@@ -93,6 +93,7 @@ fn fall(fabric: &Fabric, h: f64, (waves, face): (f64, f64)) -> Fall {
         settle_steps: 240,
         tolerance: 0.02,
         rest_tolerance: 0.05,
+        press: 1.0, // it falls flat: no folds to press out
         ..Params::default()
     };
     let input = Input { pinned: &held, ..Input::alone(&garment) };
@@ -108,18 +109,53 @@ fn fall(fabric: &Fabric, h: f64, (waves, face): (f64, f64)) -> Fall {
     }
 }
 
+/// Sag of the rim [m] of a level annular plate of bending stiffness `k` [N m] in all directions, without
+/// contraction across, clamped at the pedestal's rim and free at the disc's, under the load `q` [N/m^2]:
+/// `w = q r^4 / 64 k + a + b ln r + c r^2 + d r^2 ln r`.
+fn plate_sag(k: f64, q: f64) -> f64 {
+    let height = |r: f64| [1.0, r.ln(), r * r, r * r * r.ln()];
+    let slope = |r: f64| [0.0, 1.0 / r, 2.0 * r, r * (2.0 * r.ln() + 1.0)];
+    let curvature = |r: f64| [0.0, -1.0 / (r * r), 2.0, 2.0 * r.ln() + 3.0];
+    let force = |r: f64| [0.0, 0.0, 0.0, 4.0 / r];
+    let (a, b) = (PEDESTAL, DISC);
+    let rows = nalgebra::Matrix4::from_fn(|i, j| [height(a), slope(a), curvature(b), force(b)][i][j]);
+    let load = nalgebra::Vector4::new(a.powi(4) / 64.0, a.powi(3) / 16.0, 3.0 * b * b / 16.0, 0.5 * b);
+    let free = rows.lu().solve(&(-load * (q / k))).expect("a clamped plate");
+    q / k * b.powi(4) / 64.0 + free.dot(&nalgebra::Vector4::from(height(b)))
+}
+
+/// Prints the mean sag of a stiff disc's rim for elements of about `h` [m].
+fn plate(h: f64) {
+    let fabric = isotropic(0.1);
+    let garment = disc::garment(&fabric, h, 7.0, 0.0);
+    let held = disc::clamped(&garment, h);
+    let params = Params { frames: 0, press: 1.0, tolerance: 1e-3, rest_tolerance: 2e-3, ..Params::default() };
+    let input = Input { pinned: &held, ..Input::alone(&garment) };
+    let out = drape::run(&Device::cpu(), &input, &params).expect("the disc drapes");
+    let rim: Vec<f64> = (0..garment.points.len())
+        .filter(|&v| garment.pattern[v].norm() > DISC - 1e-6)
+        .map(|v| -out.points[v].y)
+        .collect();
+    let sag = rim.iter().sum::<f64>() / rim.len() as f64;
+    let exact = plate_sag(fabric.bending_warp, fabric.density * 9.81);
+    println!("| {} | {:.3} | {:.3} | {:.3} |", garment.points.len(), 1e3 * sag, 1e3 * exact, sag / exact);
+}
+
 /// Drapes discs of elements of about `h` [m] and prints a row.
 fn test(fabric: &Fabric, h: f64, expected: &str) {
     let mean = 0.5 * (fabric.bending_warp + fabric.bending_weft);
     let length = (mean / (fabric.density * 9.81)).cbrt() * 1e3;
     let clock = Instant::now();
     let falls = STARTS.map(|start| fall(fabric, h, start));
-    let coefficient = falls.iter().map(|f| f.coefficient).sum::<f64>() / falls.len() as f64;
+    let n = falls.len() as f64;
+    let coefficient = falls.iter().map(|f| f.coefficient).sum::<f64>() / n;
+    let squares = falls.iter().map(|f| (f.coefficient - coefficient).powi(2)).sum::<f64>();
+    let error = (squares / (n * (n - 1.0))).sqrt();
     let each = falls.each_ref().map(|f| format!("{:.1}", f.coefficient)).join(" ");
     let folds = falls.each_ref().map(|f| f.folds.to_string()).join(" ");
     let residual = falls.iter().map(|f| f.residual).fold(0.0, f64::max);
     println!(
-        "| {} | {length:.1} | {} | {coefficient:.1} ({each}) | {expected} | {folds} | {residual:.3}{} | {:.0} |",
+        "| {} | {length:.1} | {} | {coefficient:.1} ± {error:.1} ({each}) | {expected} | {folds} | {residual:.3}{} | {:.0} |",
         fabric.name,
         falls[0].nodes,
         if falls.iter().all(|f| f.at_rest) { "" } else { " (not at rest)" },
@@ -147,6 +183,11 @@ fn stiffer(fabric: &Fabric, factor: f64) -> Fabric {
 
 fn main() {
     let chosen: Vec<String> = std::env::args().skip(1).filter(|a| !a.starts_with('-')).collect();
+    if chosen.iter().any(|c| c == "plate") {
+        println!("| nodes | sag mm | closed form | ratio |\n| --- | --- | --- | --- |");
+        EDGES.iter().for_each(|&h| plate(h));
+        return;
+    }
     println!(
         "| cloth | bending length mm | nodes | coefficient % (each fall) | known for | folds | residual | s |"
     );
