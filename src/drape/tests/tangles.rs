@@ -199,7 +199,7 @@ fn prism(mesh: &mut TriMesh, outline: &[[f64; 2]], z: [f64; 2]) {
 #[test]
 fn cloth_behind_a_closed_neck_is_carried_out_of_its_slot() {
     // A slot of 5 mm, less than two layers with their distances need, that two ridges close: pushes
-    // and loosening leave the cloth behind them where it is.
+    // and loosening alone leave cloth in it.
     let half = 2.5e-3;
     let profile = [
         [-0.1, -0.012],
