@@ -19,6 +19,8 @@ const SHORTEST_STEP: f64 = 0.01;
 ///
 /// [`Until::gain`]: super::minimise::Until::gain
 const APPROACH_GAIN: f64 = 2e-3;
+/// The same while the cloth is stiffer than its own: other steps of other cloth follow.
+const PRESSED_GAIN: f64 = 5e-3;
 /// A step is halved at most this often before it is taken as it is.
 const MOST_HALVINGS: u32 = 4;
 /// Most rounds of pushes, a frame and settling after the phases.
@@ -116,12 +118,11 @@ fn settle(
             return Ok(());
         }
         let before = simulation.state();
-        let gain = if h < LONGEST_STEP { APPROACH_GAIN } else { 0.0 };
         let stiffer = pressed.as_ref().map_or(1.0, |_| simulation.press.at(h));
         info.pressed = info.pressed.max(stiffer);
         let step = match &pressed {
-            Some(about) if stiffer > 1.0 => simulation.pressed(h, gain, stiffer, about)?,
-            _ => simulation.quasi_static(h, gain)?,
+            Some(about) if stiffer > 1.0 => simulation.pressed(h, PRESSED_GAIN, stiffer, about)?,
+            _ => simulation.quasi_static(h, if h < LONGEST_STEP { APPROACH_GAIN } else { 0.0 })?,
         };
         count(info, &step);
         if !step.converged && !step.approached && h > SHORTEST_STEP {
