@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """Ten made tangles, each from a seed: what starts crossed, inside or pinched must end clean.
 
-    tangles.py DATA [--only N ...] [--frames 1] [--keep FOLDER] [--peers]
+    tangles.py DATA [--only N ...] [--frames 1] [--seeds 0] [--keep FOLDER] [--peers]
 
 Garments of DATA's outfits on their own bodies (they start clean there), disturbed: arms and sleeves
 lowered into the torso, an upper layer drawn below the lower one, garments in a body that is up to 10 cm
@@ -117,8 +117,8 @@ def pressed(
     return points - normals(points, triangles) * share * depth
 
 
-def tangles(data: Path, cache: Path) -> list[Callable[[], Tangle]]:
-    """The ten, made when they are asked for."""
+def tangles(data: Path, cache: Path, seeds: int = 0) -> list[Callable[[], Tangle]]:
+    """The ten, made when they are asked for; ``seeds`` is added to the seed of each."""
     man, woman = (read_outfit(data / "outfits" / f"casual_{who}.usda") for who in ("man", "woman"))
     named = {(o.name, g.name): g for o in (man, woman) for g in o.garments}
     pick = lambda outfit, name: named[(outfit.name, name)]  # noqa: E731
@@ -173,16 +173,16 @@ def tangles(data: Path, cache: Path) -> list[Callable[[], Tangle]]:
         return Tangle("a skirt's back through its front", garment, points, [])
 
     return [
-        lambda: sleeves(man, "Hoody", 0.45, 0.0, 1),
-        lambda: sleeves(man, "Tshirt", 0.45, 0.3, 2),
-        lambda: sleeves(woman, "Tshirt", 0.5, 0.1, 3),
-        lambda: swapped(man, man_body, "Hoody", "Tshirt", 0.012, 4),
-        lambda: swapped(woman, woman_body, "Tshirt", "Skirt", 0.01, 5),
-        lambda: deep(man, "Pants", 6),
-        lambda: deep(man, "Hoody", 7),
-        lambda: pinched("Hoody", 8),
-        lambda: pinched("Pants", 9),
-        lambda: through(10),
+        lambda: sleeves(man, "Hoody", 0.45, 0.0, seeds + 1),
+        lambda: sleeves(man, "Tshirt", 0.45, 0.3, seeds + 2),
+        lambda: sleeves(woman, "Tshirt", 0.5, 0.1, seeds + 3),
+        lambda: swapped(man, man_body, "Hoody", "Tshirt", 0.012, seeds + 4),
+        lambda: swapped(woman, woman_body, "Tshirt", "Skirt", 0.01, seeds + 5),
+        lambda: deep(man, "Pants", seeds + 6),
+        lambda: deep(man, "Hoody", seeds + 7),
+        lambda: pinched("Hoody", seeds + 8),
+        lambda: pinched("Pants", seeds + 9),
+        lambda: through(seeds + 10),
     ]
 
 
@@ -240,12 +240,13 @@ def main() -> int:
     parser.add_argument("data", type=Path)
     parser.add_argument("--only", nargs="*", type=int, default=[])
     parser.add_argument("--frames", type=int, default=1)
+    parser.add_argument("--seeds", type=int, default=0, help="added to each seed: other tangles of the kinds")
     parser.add_argument("--keep", type=Path, default=Path("out/tangles"))
     parser.add_argument("--peers", action="store_true")
     options = parser.parse_args()
     options.keep.mkdir(parents=True, exist_ok=True)
     clean = 0
-    made = tangles(options.data, options.keep)
+    made = tangles(options.data, options.keep, options.seeds)
     wanted = options.only or range(1, len(made) + 1)
     for number in wanted:
         tangle = made[number - 1]()

@@ -26,6 +26,9 @@ use crate::model::Vec3;
 
 /// Newton iterations of a push.
 const PUSH_ITERATIONS: usize = 8;
+/// How many times stiffer in bending cloth is loosened: crumples the size of its triangles cross
+/// themselves in an equilibrium without contact, longer folds do not.
+const LOOSENED: f64 = 64.0;
 /// Gain at which a relaxation ends, see [`Until::gain`]: time steps follow, so it is no result.
 const RELAXED: f64 = 1e-3;
 /// How many times more Newton iterations a quasi-static step may take: it moves farther.
@@ -325,12 +328,16 @@ impl<'a> Simulation<'a> {
         self.at_rest(h, Until { most: PUSH_ITERATIONS, stubborn: true, ..self.to_tolerance() })
     }
 
-    /// Towards the equilibrium of the cloth with nothing in the way within `rings` of edges of
-    /// tangles.
+    /// Towards the equilibrium of stiffer cloth, about its shape without short folds, with nothing in
+    /// the way within `rings` of edges of tangles.
     pub(super) fn loosen(&mut self, h: f64, rings: usize) -> Result<StepInfo, Error> {
         self.offsets.turn(&self.x);
         self.contact.loosen(&self.points(), rings);
-        self.at_rest(h, self.to_relaxed())
+        let about = self.unfolded();
+        self.elastic.press(self.device, LOOSENED, &about)?;
+        let step = self.at_rest(h, self.to_relaxed());
+        self.elastic.press(self.device, 1.0, &about)?;
+        step
     }
 
     /// An iteration towards the aims of points inside of solids, nothing else in the way.

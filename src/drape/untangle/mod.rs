@@ -12,7 +12,7 @@
 //!    continuous collision detection on all that is clean, a few iterations at a time. What stays
 //!    tangled is now and then *carried* out of slots that are too narrow for it
 //!    ([`super::contact::pinch`]) or *loosened*: an equilibrium with nothing of the tangled kind in the
-//!    way around it.
+//!    way around it, of stiffer cloth about its shape without short folds ([`super::press`]).
 //! 4. *Relax*, after a draw: an equilibrium without friction, since the way through the body
 //!    left stretch behind that friction would keep.
 //!
